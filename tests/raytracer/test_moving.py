@@ -88,6 +88,7 @@ def test_moved_objects_are_where_a_new_scene_has_them(backend, options, moves):
     assert renderer.builds == 3, "at first, and at the first move of each object"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_deformed_objects_look_as_a_new_scene_has_them(backend):
     made = scene()
@@ -150,7 +151,7 @@ def test_the_scene_is_the_one_that_is_shown():
     assert np.array_equal(renderer.scene.meshes[0].vertices, before)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("backend", "options"),
     [(b, o) for k, b in enumerate(BACKENDS) for o in ((PATH, {}) if k % 2 else ({}, PATH))],
