@@ -5,9 +5,9 @@ several places, and where. `Layout` makes tables of them.
 
 >>> import numpy as np
 >>> from raytracer import Instance, Scene
->>> from raytracer.meshes.shapes import box, floor
->>> away = np.eye(4) + np.diag([3.0], 3)
->>> parts = Parts.of(Scene([floor(9), *(Instance(box(), place) for place in (np.eye(4), away))]))
+>>> from raytracer.meshes.shapes import floor, knot
+>>> ring, away = knot(), np.eye(4) + np.diag([3.0], 3)
+>>> parts = Parts.of(Scene([floor(9), *(Instance(ring, place) for place in (np.eye(4), away))]))
 >>> len(parts.settled), len(parts.sources), parts.number_of.tolist()
 (1, 1, [-1, 1, 2])
 """
