@@ -213,7 +213,17 @@ def test_half():
 def test_pytest_writes_reads_and_renews(tmp_path):
     def pytest_of_a_user(factor, *options):
         (tmp_path / "test_user.py").write_text(USER.format(factor=factor))
-        command = [sys.executable, "-B", "-m", "pytest", "-qp", "shpy_start.pytest_plugin", "-p", "no:cacheprovider"]
+        command = [
+            sys.executable,
+            "-B",
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "shpy_start.pytest_plugin",
+            "-p",
+            "no:cacheprovider",
+        ]
         return subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=HANGING)
 
     assert "there is no golden result" in pytest_of_a_user(0.5).stdout
