@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.accel.choice import check as check_structure
+from raytracer.accel.choice import INSTANCES, check as check_structure
 from raytracer.appearance.materials import Triple
 from raytracer.appearance.textures import Texture, decoded
 from raytracer.arrays import real
@@ -28,7 +28,6 @@ from raytracer.integrators.integrator import TRACERS
 from raytracer.layered.cube import is_layered
 from raytracer.scene.animated_file import AnimatedFile
 from raytracer.scene.camera import Camera
-from raytracer.scene.instanced import INSTANCES
 from raytracer.scene.lights import EnvironmentLight
 from raytracer.scene.loading import load_contents
 from raytracer.scene.scene import Background, Scene, furnished
@@ -94,7 +93,7 @@ def add_tracing(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--accel",
         type=_accel,
-        help="how rays find triangles: bvh, grid, brute, or ldc:1024 (bvh; grid if staged)",
+        help="how rays find triangles: bvh, grid, brute, instances, or ldc:1024 (bvh; grid if staged)",
     )
     command.add_argument(
         "--tracer",
@@ -250,8 +249,8 @@ def _skies(options: argparse.Namespace) -> tuple[EnvironmentLight, ...]:
 
 def _accel(text: str) -> str:
     try:
-        if not is_layered(text) and text != INSTANCES:
-            check_structure(text)
+        if not is_layered(text):
+            check_structure(text, INSTANCES)
     except SceneError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return text

@@ -39,16 +39,18 @@ def build(
     return Grid(np.zeros(3), np.ones(3), (1, 1, 1), cells, items, len(items))
 
 
-def check(accel: str) -> None:
-    """Raise SceneError if there is no accelerator of this name."""
+def check(accel: str, *others: str) -> None:
+    """Raise SceneError if there is no accelerator of this name, nor is it one of the other names."""
     if accel in ("bvh:sah", "bvh:ploc"):
         raise SceneError(f'the hierarchy has one builder now: accel="bvh", not {accel!r}')
-    if accel not in ACCELERATORS:
-        names = ", ".join(map(repr, [*ACCELERATORS, "ldc:1024"]))
+    if accel not in (*ACCELERATORS, *others):
+        names = ", ".join(map(repr, [*ACCELERATORS, *others, "ldc:1024"]))
         raise SceneError(f"the accelerator is one of {names}, not {accel!r}")
 
 
 ACCELERATORS = ("bvh", "grid", "brute")
 """The hierarchy of boxes; the uniform grid; every triangle, for judging the others."""
+INSTANCES = "instances"
+"""The accelerator of two levels, for pictures of instances."""
 MOVABLE = ("bvh", "grid")
 """The accelerators in which objects can move, or beside which they can."""

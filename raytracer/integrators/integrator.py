@@ -18,14 +18,14 @@ from typing import Any, ClassVar, Final, TypedDict
 
 import numpy as np
 
-from raytracer.accel.choice import check
+from raytracer.accel.choice import INSTANCES, check
 from raytracer.accel.grid import MAX_PER_SIDE
 from raytracer.arrays import is_whole, one_float
 from raytracer.errors import SceneError
 from raytracer.kernels.shares import MIN_CONTRIBUTION
 from raytracer.kernels.stages import AT_ONCE
 from raytracer.layered.cube import LayeredCube, is_layered
-from raytracer.scene.instanced import INSTANCES, shares_many
+from raytracer.scene.instanced import shares_many
 from raytracer.scene.scene import Scene
 
 THRESHOLD: Final = 0.2
@@ -74,9 +74,8 @@ class Integrator:
             raise SceneError(f"fuse is True or False, not {self.fuse!r}")
         if self.fuse and self.math not in REPRODUCIBLE:
             raise SceneError(f'math={self.math!r} contracts by itself: fuse=True is for "strict" and "portable"')
-        if self.structure != INSTANCES:
-            check(self.structure)
-        elif self.precision != "f32":
+        check(self.structure, INSTANCES)
+        if self.structure == INSTANCES and self.precision != "f32":
             raise SceneError(f'accel="instances" works at precision="f32", not {self.precision!r}')
         if self.grid is None:
             return

@@ -5,9 +5,9 @@ several places, and where. `Layout` makes tables of them.
 
 >>> import numpy as np
 >>> from raytracer import Instance, Scene
->>> from raytracer.meshes.shapes import floor, knot
->>> ring, away = knot(), np.eye(4) + np.diag([3.0], 3)
->>> parts = Parts.of(Scene([floor(9), *(Instance(ring, place) for place in (np.eye(4), away))]))
+>>> from raytracer.meshes.shapes import box, floor
+>>> cube, away = box(), np.eye(4) + np.diag([3.0], 3)
+>>> parts = Parts.of(Scene([floor(9), *(Instance(cube, place) for place in (np.eye(4), away))]))
 >>> len(parts.settled), len(parts.sources), parts.number_of.tolist()
 (1, 1, [-1, 1, 2])
 """
@@ -29,8 +29,6 @@ from raytracer.errors import SceneError
 from raytracer.meshes.mesh import MANY, Mesh, PlacedMesh
 from raytracer.scene.scene import Scene
 
-INSTANCES = "instances"
-"""The name of the accelerator of two levels."""
 BEGINNING = 4000
 """Triangles in whose time a hierarchy is begun: each one takes 3 to 5 ms, and 1 microsecond for a triangle."""
 _MOST = 2**31 - 1

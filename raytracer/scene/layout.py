@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.bvh import Bvh
-from raytracer.accel.choice import build
+from raytracer.accel.choice import INSTANCES, build
 from raytracer.accel.forest import Forest, still_of
 from raytracer.accel.grid import Grid, build_part
 from raytracer.accel.planes import copy_columns
@@ -32,7 +32,7 @@ from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
 from raytracer.meshes.mesh import check_expansion, unplaced
-from raytracer.scene.instanced import INSTANCES, Instanced, Parts
+from raytracer.scene.instanced import Instanced, Parts
 from raytracer.scene.light_tables import cone_rows, kinds_of, light_rows
 from raytracer.scene.scene import Scene
 

@@ -227,5 +227,5 @@ def test_the_command_takes_an_accelerator(tmp_path, capsys):
     np.testing.assert_array_equal(one["pixels"], other["pixels"])
     with pytest.raises(SystemExit):
         cli.main(["render", "boxes", "--accel", "octree"])
-    names = "'bvh', 'grid', 'brute', 'ldc:1024'"
+    names = "'bvh', 'grid', 'brute', 'instances', 'ldc:1024'"
     assert f"the accelerator is one of {names}, not 'octree'" in capsys.readouterr().err

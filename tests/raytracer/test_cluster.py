@@ -21,9 +21,11 @@ from raytracer import (
     Camera,
     ClusterError,
     EnvironmentLight,
+    Instance,
     Material,
     MetallicRoughness,
     Path,
+    PointLight,
     Scene,
     SceneError,
     Staged,
@@ -33,7 +35,7 @@ from raytracer import (
     render,
 )
 from raytracer.cluster import connection, tasks
-from raytracer.meshes.shapes import box, floor, sphere
+from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +58,14 @@ def test_pictures_have_the_bits_of_one_process(client):
         scene = Scene.builtin(name)
         given = {"integrator": integrator, "backend": "numpy"}
         assert_same(render(scene, (16, 9), cluster=client, **given), render(scene, (16, 9), **given))
+
+
+@pytest.mark.slow
+def test_workers_share_the_triangles_of_instances(client):
+    ball = icosahedron(0.4)
+    scene = Scene([Instance(ball, np.eye(4) + np.diag([x], 3)) for x in (-1.0, 0.0, 1.0)], [PointLight((1, 3, 2))])
+    options = {"integrator": Whitted(accel="instances"), "backend": "numpy"}
+    assert_same(render(scene, (16, 9), cluster=client, **options), render(scene, (16, 9), **options))
 
 
 @pytest.mark.slow

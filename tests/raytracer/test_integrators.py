@@ -81,7 +81,7 @@ def test_a_fused_picture_has_the_same_bits_on_every_backend():
         (lambda: Whitted(samples=2), "samples is a square number from 1 to 64, not 2"),
         (
             lambda: Whitted(accel="octree"),
-            "the accelerator is one of 'bvh', 'grid', 'brute', 'ldc:1024', not 'octree'",
+            "the accelerator is one of 'bvh', 'grid', 'brute', 'instances', 'ldc:1024', not 'octree'",
         ),
         (lambda: Whitted(accel="bvh:sah"), "the hierarchy has one builder now: accel=\"bvh\", not 'bvh:sah'"),
         (lambda: Staged(accel="bvh"), 'accel="grid" or "brute", not "bvh"'),
