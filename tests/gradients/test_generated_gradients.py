@@ -101,7 +101,7 @@ def outputs_of(program: sh.Program, target: str, **options: Any) -> tuple[list[A
 
 
 def check_modes(tree: Tree) -> None:
-    """Compare the gradients of both modes at f64."""
+    """Compare the gradients of both modes at f64. Where terms cancel, errors at f32 are some 2**29 times as large."""
     program = derivative(tree)
     if program is None:
         return
@@ -110,8 +110,13 @@ def check_modes(tree: Tree) -> None:
     for a, b in zip(results[:half], results[half:], strict=True):
         with np.errstate(all="ignore"):
             counts = np.isfinite(a) & np.isfinite(b) & np.reshape(written, (-1,) + (1,) * (a.ndim - 1))
-            error = np.abs(a - b) / (1 + np.abs(a) + np.abs(b))
-        assert (error[counts] < 1e-13).all(), f"forward {a[counts]}, reverse {b[counts]}\n{source(tree)}"
+            apart = np.abs(a - b)
+            wrong = counts & ~(apart < 1e-13 * (1 + np.abs(a) + np.abs(b)))
+            if wrong.any():
+                singles, _ = outputs_of(program, "numpy")
+                lost = np.concatenate([np.abs(x - y).ravel() for x, y in zip(singles, results, strict=True)])
+                wrong &= apart > 2.0**-26 * lost.max(where=np.isfinite(lost), initial=0)
+        assert not wrong.any(), f"forward {a[wrong]}, reverse {b[wrong]}\n{source(tree)}"
 
 
 def check_bits(tree: Tree, target: str) -> None:
