@@ -316,16 +316,15 @@ def shining_triangles(layout: Layout, glow: Rows) -> tuple[NDArray[np.int64], ND
 class Chances:
     """A table of n choices with these weights, which are not negative and not all 0.
 
-    `probabilities` (n,) are those of the choices. Each has a number and a density of its own, which `choose` gives;
-    without `numbers` its place is its number.
+    `probabilities` (n,) are those of the choices. Each has a number and a density of its own, which `choose` gives.
     """
 
-    def __init__(self, weights: Floats, numbers: Any = None, per: Any = 1.0, name: str = "chances") -> None:
+    def __init__(self, weights: Floats, numbers: Any, per: Any = 1.0, name: str = "chances") -> None:
         self.count = len(weights)
         self.table = sh.Table(self._rows(weights, numbers, per), sh.Attrib4u, name)
         self.number = sh.Param(sh.Attrib1u, self.count, name=f"{name}_count")
 
-    def renew(self, weights: Floats, numbers: Any = None, per: Any = 1.0) -> None:
+    def renew(self, weights: Floats, numbers: Any, per: Any = 1.0) -> None:
         """Take other weights, of as many choices."""
         self.table.update(self._rows(weights, numbers, per))
 
@@ -333,7 +332,7 @@ class Chances:
         thresholds, aliases = alias_table(weights)
         self.probabilities = probabilities_of(thresholds, aliases)
         self.densities = (self.probabilities / per).astype(np.float32)
-        self.numbers = np.arange(self.count) if numbers is None else np.asarray(numbers)
+        self.numbers = np.asarray(numbers)
         rows = np.stack([thresholds, aliases, self.densities.view(np.uint32), self.numbers.astype(np.uint32)], axis=1)
         return rows.astype(np.uint32)
 
@@ -347,10 +346,6 @@ class Chances:
         place = sh.Attrib1i(sh.min(sh.cond((instead >> 8) < row.x, first, row.y), self.number - 1))
         chosen = self.table[place]
         return place, sh.Attrib1i(chosen.w), sh.float_from_bits(chosen.z)
-
-    def density_at(self, place: Any) -> Any:
-        """Return the density of the choice at a place."""
-        return sh.float_from_bits(self.table[place if self.count > 1 else 0].z)
 
 
 def alias_table(weights: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -45,7 +45,7 @@ from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 ROULETTE = 4
 """The depth at which Russian roulette starts."""
 EYE, LIGHTS, DIMENSIONS = 4, 8, 14
-"""The dimensions of a sample: four for its eye ray, then 14 for each surface, the last six of them for its light."""
+"""The dimensions of a sample: four for its eye ray, then 14 for each surface, those from `LIGHTS` on for its light."""
 STRAIGHT = 2**32 - 1
 """Hashed with the key of a path that went straight through a surface: the next one gets other random numbers."""
 

@@ -7,6 +7,7 @@ import pytest
 
 import shpy as sh
 from raytracer import Camera, Material, Path, Renderer, Scene, SceneError, render
+from raytracer.kernels.emitters import BrightCells
 from raytracer.kernels.points import part_of, reversed_bits, sobol_pair
 from raytracer.meshes.shapes import box, floor
 
@@ -17,6 +18,12 @@ LAMP = box((1, 0.1, 1), Material((0, 0, 0), emission=(9, 9, 9))).moved((0, 2, 0)
 class Point(NamedTuple):
     across: sh.Attrib1u
     down: sh.Attrib1u
+
+
+class Place(NamedTuple):
+    down: sh.Attrib1f
+    across: sh.Attrib1f
+    density: sh.Attrib1f
 
 
 @sh.program
@@ -72,6 +79,29 @@ def test_pictures_have_less_noise_than_of_independent_numbers(capsys):
     with capsys.disabled():
         print(f" error of 64 samples: {errors[0]:.4f} of points, {errors[1]:.4f} of independent numbers ", end="")
     assert errors[0] < 0.5 * errors[1]
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (1, 1), (4, 1)])
+def test_words_choose_cells_in_proportion_to_their_brightness(shape):
+    """A lattice of words finds each cell as often as its share says, and beyond dark ones at the end none."""
+    weights = np.random.default_rng(1).random(shape) ** 4 + 0.01
+    weights[-1] *= 1e-12 if shape[0] > 1 else 1
+    cells = BrightCells(weights)
+
+    @sh.program
+    def chosen(first: sh.Attrib1u, second: sh.Attrib1u) -> Place:
+        return Place(*cells.choose(first, second))
+
+    words = np.arange(256, dtype=np.uint32) << 24
+    first, second = (axis.ravel() for axis in np.meshgrid(words, words, indexing="ij"))
+    down, across, density = chosen.compile("numpy")(first, second)
+    shares = weights / weights.sum()
+    np.testing.assert_allclose(
+        np.histogram2d(down, across, shape, [(0, shape[0]), (0, shape[1])])[0] / 2**16, shares, atol=0.01
+    )
+    places = np.minimum(down.astype(int), shape[0] - 1), np.minimum(across.astype(int), shape[1] - 1)
+    np.testing.assert_allclose(density, shares[places] * weights.size / (4 * np.pi), rtol=1e-5, atol=1e-9)
+    assert np.all(np.diff(down.reshape(256, 256), axis=0) >= 0)
 
 
 def test_clamp_bounds_what_more_than_one_surface_has_scattered():
