@@ -71,7 +71,7 @@ def fitted(value: Array, old: str, new: str) -> Array:
 
 
 def leaf(r: random.Random, number: int) -> Part:
-    """A program of one to three inputs and outputs, in which every input counts."""
+    """A program of one to three inputs and outputs, in which every input counts; ints are places of an array, too."""
     inputs = {name: r.choice(TYPES) for name in r.sample(NAMES, r.randint(1, 3))}
     named = r.random() < 0.5
     names: list[str | None] = list(r.sample((*NAMES, "p", "q"), r.randint(1, 3)))
@@ -80,9 +80,14 @@ def leaf(r: random.Random, number: int) -> Part:
     if named:
         lines += ["class Result(NamedTuple):"] + [f"    {n}: sh.{t}" for n, t in zip(names, types, strict=True)] + [""]
     lines += ["@sh.program", f"def part{number}({', '.join(f'{n}: sh.{t}' for n, t in inputs.items())}):"]
+    places = [name for name, type in inputs.items() if type == "Attrib1i" and r.random() < 0.5]
+    if places:
+        stored = r.choice((2, places[0]))
+        lines += ["    own = sh.Array(sh.Attrib1f, 4)", "    own[1] = 2.5", f"    own[{stored}] = -0.5"]
     values = []
     for k, type in enumerate(types):
-        terms = [TERMS[type, t].format(n) for n, t in inputs.items()]
+        terms = [TERMS[type, t].format(n) for n, t in inputs.items() if n not in places]
+        terms += [TERMS[type, "Attrib1f"].format(f"own[{place}]") for place in places]
         values.append(f"sh.{type}({' + '.join(f'{t} * {j + k + 1}' for j, t in enumerate(terms))})")
     lines.append(f"    return {'Result' if named else ''}({', '.join(values)})")
     text, file = "\n".join(lines) + "\n", f"<part {number} of {r.random()}>"

@@ -110,8 +110,9 @@ def _passed_on(entry: Function, callees: dict[str, Function]) -> dict[int, int]:
     stores: Counter[int] = Counter()
     for statement in walk(entry.body):
         match statement:
-            case Let(target, "load", _, int(slot)):
+            case Let(target, "load", index, int(slot)):
                 loads[target.id] = slot
+                slots -= {loads.get(value, -1) for value in index}  # the place in an array is a use
             case Store(slot, value, None, None):
                 stores[slot] += 1
             case Store(slot, value, _, index):
