@@ -185,6 +185,7 @@ def test_sliders_colours_and_switches_change_the_picture(page):
     slider.focus()
     page.keyboard.press("Home")
     shows(page, (8, 4, 0))
+    page.wait_for_selector("#comparing")  # once the page knows which other backends there are
     page.keyboard.press("c")  # a slider takes arrows, and leaves the other keys to the page
     page.wait_for_selector("#difference")
     page.keyboard.press("Escape")
