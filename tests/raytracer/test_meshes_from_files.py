@@ -61,7 +61,8 @@ def test_hits_on_a_real_mesh_are_those_of_brute_force(scene):
 def test_triangles_cost_no_calls():
     """From the scene to the kernel, ten times the triangles take a few calls more, for levels of the hierarchy."""
     few, many = (Scene.framed(knot(segments=segments, sides=50)) for segments in (70, 700))
-    Renderer(few, backend="numpy", bounces=2)  # compiles the kernel, which both scenes share
+    for scene in (few, many):  # compiles their kernel, and those that build a large hierarchy
+        Renderer(scene, backend="numpy", bounces=2)
     found = [calls(lambda scene=scene: Renderer(scene, backend="numpy", bounces=2)) for scene in (few, many)]
     assert found[1] < 1.5 * found[0]
     assert Layout.of(many).triangles.shape == (3 * 70_002, 4)
