@@ -11,7 +11,9 @@ from pages import View, viewed
 from patience import PAGE
 from websockets.sync.client import connect
 
-__all__ = ["View", "as_at_first", "chromium", "new_page", "viewed", "watched"]
+from shpy.view import wire
+
+__all__ = ["View", "as_at_first", "chromium", "new_page", "save", "viewed", "watched"]
 
 
 def as_at_first(view, *params):
@@ -20,6 +22,15 @@ def as_at_first(view, *params):
     undone |= {"mark": False, "mouse": [0, 0, 0, 0]}
     with connect(view.url.replace("http", "ws") + "view", origin=view.url.rstrip("/")) as line:
         line.send(json.dumps({"do": "set", "changes": undone}))
+
+
+def save(view, text):
+    """Save another version of the file, and wait until its process draws: the one before would end meanwhile."""
+    with connect(view.url.replace("http", "ws") + "view", origin=view.url.rstrip("/")) as line:
+        view.save(text)
+        for awaited in ("recording", "recorded"):
+            while wire.unpack(line.recv())[0]["kind"] != awaited:
+                pass
 
 
 def new_page(browser, **options):

@@ -32,6 +32,9 @@ _OTHER: Final = {"backend", "math", "size", "scene"}
 """The changes of the state after which another picture is awaited."""
 
 
+_AGAIN: Final = "the file was recorded again; ask once more"
+
+
 class Page(Protocol):
     """A connected page."""
 
@@ -116,13 +119,13 @@ class Hub:
         if self._recording is not None:
             self._drop_recording()
         elif self._drawing is not None:
-            self._drawing.kill()
+            self._end(self._drawing, "you stopped the process that runs the file")
             self._drawing = None
         self._fail("you stopped the process that runs the file", "a loop that ends; save the file to try again")
 
     def _drop_recording(self) -> None:
         if self._recording is not None:
-            self._recording.kill()
+            self._end(self._recording, _AGAIN)
         self._recording = self._described = None
         if self._drawing is not None:
             self._drawing.resume()
@@ -181,6 +184,9 @@ class Hub:
             case "frame":
                 self._take_frame(worker, header, message)
             case "answer":
+                asked = (q for q in worker.questions if (q["page"], q["about"]) == (header["page"], header["about"]))
+                if (question := next(asked, None)) is not None:
+                    worker.questions.remove(question)
                 page = self.pages.get(header["page"])
                 if page is not None:
                     page.send(message)
@@ -217,7 +223,7 @@ class Hub:
     def _promote(self, worker: Worker) -> None:
         """Let the worker that has recorded draw, and end the previous one."""
         if self._drawing is not None:
-            self._drawing.kill()
+            self._end(self._drawing, _AGAIN)
         self._drawing, self._recording = worker, None
         self._recorded, self._described = self._described, None
         if self._recorded is not None:
@@ -229,6 +235,7 @@ class Hub:
         if worker is self._recording:
             self._drop_recording()
         if worker is self._drawing:
+            self._end(worker, f"the process that runs the file ended {how}")
             self._drawing = None
         self._fail(f"the process that runs the file ended {how}", "another backend; save the file to try again")
 
@@ -291,10 +298,23 @@ class Hub:
         workers = [one for one in (self._drawing, self._recording) if one is not None and named in (None, one.number)]
         for worker in workers:
             worker.send(question)
+            worker.questions.append(question)
+        if not workers:
+            self._refuse(question, _AGAIN)
+
+    def _refuse(self, question: dict[str, Any], problem: str) -> None:
+        """Tell the page that asked why it gets no answer."""
         page = self.pages.get(question["page"])
-        if not workers and page is not None:
+        if page is not None:
             told = {"about": question["about"], "page": question["page"], "at": question.get("at")}
-            page.send(wire.pack({"kind": "answer", **told, "problem": "the file was recorded again; ask once more"}))
+            page.send(wire.pack({"kind": "answer", **told, "problem": problem}))
+
+    def _end(self, worker: Worker, problem: str) -> None:
+        """End a worker, and tell the pages that wait for its answers why they get none."""
+        worker.kill()
+        for question in worker.questions:
+            self._refuse(question, problem)
+        worker.questions.clear()
 
     def _acknowledge(self, page: Page, worker: int, number: int) -> None:
         page.acknowledge()

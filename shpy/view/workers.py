@@ -46,6 +46,8 @@ class Worker:
         """The time of the ping that has no answer yet."""
         self.doing: str | None = None
         """The work for the picture that is awaited, in the words of the worker."""
+        self.questions: list[wire.Header] = []
+        """The questions of pages that have no answer yet."""
         self._heard = heard
         self.warm = asyncio.Event()
         self._writer: asyncio.StreamWriter | None = None

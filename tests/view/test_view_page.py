@@ -61,7 +61,7 @@ def as_at_first(view):
 def page(browser, view):
     """Return a page that shows the good file."""
     if view.path.read_text() != GOOD.format(gain=1):
-        view.save(GOOD.format(gain=1))
+        views.save(view, GOOD.format(gain=1))
     with views.watched(browser, view, width=1000, height=700) as found:
         found.wait_for_selector("[aria-label='Gain, number']")
         shows(found, (135, 68, 0))

@@ -248,15 +248,19 @@ def state_of(process):
 
 
 @contextmanager
-def paused(tmp_path):
-    """Yield a view whose file waits for a file `go` before it fails, its page, and the paused process that draws."""
+def paused(tmp_path, after="0 / 0"):
+    """Yield a view whose file waits for a file `go` before it fails, its page, and the paused process that draws.
+
+    `after` are the lines that follow in the file.
+    """
     path = tmp_path / "wave.py"
     path.write_text(MOVING)
     with viewed(path, "--backend", "numpy", "--size", "4x3") as found, page(found) as socket:
         acknowledge(socket, told(socket, "frame")[0])
         wait_until(lambda: len(children(found.process.pid)) == 2)  # the next one warms up a second later
         drawing = min(children(found.process.pid))
-        path.write_text(f"import os, time\nwhile not os.path.exists({str(tmp_path / 'go')!r}): time.sleep(0.01)\n0 / 0")
+        waits = f"import os, time\nwhile not os.path.exists({str(tmp_path / 'go')!r}): time.sleep(0.01)\n"
+        path.write_text(waits + after)
         wait_until(lambda: state_of(drawing) == "T")
         yield found, socket, drawing
 
@@ -267,6 +271,15 @@ def test_the_process_that_draws_pauses_while_another_one_records(tmp_path):
         assert told(socket, "error")[0]["type"] == "ZeroDivisionError"
         wait_until(lambda: state_of(drawing) != "T")
         told(socket, "frame")
+
+
+def test_a_question_to_a_process_that_is_replaced_is_answered(tmp_path):
+    with paused(tmp_path, MOVING) as (_, socket, drawing):
+        send(socket, do="ask", about="trace", at=[1, 1], worker=1, number=1)
+        (tmp_path / "go").touch()
+        answer = told(socket, "answer")[0]
+        assert (answer["about"], answer["problem"]) == ("trace", "the file was recorded again; ask once more")
+        wait_until(lambda: state_of(drawing) is None)
 
 
 @pytest.mark.slow

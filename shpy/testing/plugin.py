@@ -1,1 +1,0 @@
-"""Nothing: installations of before `shpy_start.pytest_plugin` load this module in every run of pytest."""
