@@ -1,4 +1,4 @@
-"""`g << f`: which output goes to which input."""
+"""`g << f`: which output goes to which input; inputs that are places in arrays stay in programs of programs."""
 
 from typing import NamedTuple
 
@@ -276,3 +276,23 @@ def test_a_specialised_input_takes_what_a_run_takes(name, value, message):
     with pytest.raises(sh.ShpyTypeError):
         given.bind(**{name: value})
     assert given.specialize(n=np.int64(2), b=np.True_, x=1)((3, 4)) == 2
+
+
+def test_an_input_that_is_a_place_in_an_array_stays_in_joined_programs():
+    @sh.program
+    def picked(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
+        own = sh.Array(sh.Attrib1f, 3)
+        own[1] = x
+        own[2] = 10
+        return own[n]
+
+    @sh.program
+    def place(k: sh.Attrib1i) -> sh.Attrib1i:
+        return k
+
+    x, n = np.float32([1, 2, 3]), np.int32([0, 1, 2])
+    assert picked(x, n).tolist() == [0, 2, 10]
+    assert picked.specialize(x=2)(n).tolist() == [0, 2, 10]
+    assert picked.bind(x=2)(n).tolist() == [0, 2, 10]
+    assert picked.rename(n="m")(x, n).tolist() == [0, 2, 10]
+    assert (picked.specialize(x=2) << place)(n).tolist() == [0, 2, 10]

@@ -115,26 +115,6 @@ def test_specialize_folds_functions_of_doubles_and_halves_to_the_bits_of_a_run(p
         assert [a.tolist() for a in fixed] == [a.tolist() for a in run]
 
 
-def test_an_input_that_is_a_place_in_an_array_stays_in_joined_programs():
-    @sh.program
-    def picked(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
-        own = sh.Array(sh.Attrib1f, 3)
-        own[1] = x
-        own[2] = 10
-        return own[n]
-
-    @sh.program
-    def place(k: sh.Attrib1i) -> sh.Attrib1i:
-        return k
-
-    x, n = np.float32([1, 2, 3]), np.int32([0, 1, 2])
-    assert picked(x, n).tolist() == [0, 2, 10]
-    assert picked.specialize(x=2)(n).tolist() == [0, 2, 10]
-    assert picked.bind(x=2)(n).tolist() == [0, 2, 10]
-    assert picked.rename(n="m")(x, n).tolist() == [0, 2, 10]
-    assert (picked.specialize(x=2) << place)(n).tolist() == [0, 2, 10]
-
-
 def test_specialising_folds():
     @sh.program
     def choose(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
