@@ -52,7 +52,7 @@ class Device:
         return self.cl.Buffer(self.queue.context, flags.READ_WRITE | flags.USE_HOST_PTR, hostbuf=array)
 
     def empty(self, size: int) -> Any:
-        """Return a buffer of so many bytes."""
+        """Return a buffer of `size` bytes."""
         return self.cl.Buffer(self.queue.context, self.cl.mem_flags.READ_WRITE, size)
 
     def copy(self, target: Any, source: Any) -> None:

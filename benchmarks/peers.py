@@ -127,7 +127,7 @@ def filled(kernel: Callable[..., None], shape: tuple[int, ...], *inputs: Any) ->
 
 
 def launched(kernel: Any, shape: Any, inputs: Callable[[], Sequence[Any]] = list, dtype: Any = float) -> Run:
-    """Return a run of a kernel of Warp, whose inputs are made in each run, since Warp borrows arrays of the host."""
+    """Return a run of a kernel of Warp, which wraps its inputs in each run, since Warp borrows arrays of the host."""
     import warp as wp
 
     def run() -> np.ndarray:

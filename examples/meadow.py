@@ -26,7 +26,7 @@ def height(x, z):
 
 
 def strip(rows):
-    """Return the triangles of a strip of so many rows of two vertices."""
+    """Return the triangles of a strip whose vertices stand in `rows` pairs, as indices (2 (rows - 1), 3)."""
     return (2 * np.arange(rows - 1)[:, None, None] + [[0, 1, 3], [0, 3, 2]]).reshape(-1, 3)
 
 
@@ -57,7 +57,7 @@ def poppy():
 
 
 def meadow(tufts=5000, size=16.0):
-    """Return the scene of so many tufts, and fewer poppies and stones."""
+    """Return a meadow of `tufts` tufts of grass, poppies and stones; it reaches from -size to size."""
     random, x = np.random.default_rng(5), np.linspace(-size, size, 97)
     sides = np.stack([np.repeat(x, 97), height(np.repeat(x, 97), np.tile(x, 97)), np.tile(x, 97)], axis=1)
     corner = (np.arange(96)[:, None] * 97 + np.arange(96)).reshape(-1, 1, 1)

@@ -76,9 +76,9 @@ def test_elements_of_many_leaves(moved):
     fields = {name: rng.integers(0, 2, shapes.get(cls, (20,))) for name, cls in FIELDS.items()}
     fields |= {name: fields[name] != 0 for name, cls in FIELDS.items() if cls is sh.Attrib1b}
     index = rng.integers(0, 20, 33)
-    found = sh.gather(sh.Stream(fields, Wide, moved), index).numpy()
+    gathered = sh.gather(sh.Stream(fields, Wide, moved), index).numpy()
     for name, array in fields.items():
-        assert np.array_equal(getattr(found, name), array[index])
+        assert np.array_equal(getattr(gathered, name), array[index])
 
 
 def test_halves_and_doubles():

@@ -114,6 +114,23 @@ def nearest_of(walk):
     return nearest
 
 
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("changes", [{"aperture": 0.3}, {"projection": "orthographic", "span": 9.0}])
+def test_lenses_parallel_rays_and_compensated_metals_see_instances(scene, changes):
+    gem = icosahedron(0.6, MetallicRoughness((0.9, 0.8, 0.4), metallic=1.0, roughness=0.8, multiscatter=True))
+    gems = [Instance(gem, place(np.random.default_rng(seed))) for seed in range(4)]
+    camera = dataclasses.replace(scene.camera, **changes)
+    seen = dataclasses.replace(scene, meshes=[*scene.meshes, *gems], camera=camera)
+    plain, shared = (
+        render(seen, (32, 24), integrator=Whitted(accel=accel, bounces=1, samples=4), backend="numpy")
+        for accel in ("bvh", "instances")
+    )
+    near = np.abs(plain.pixels - shared.pixels).max(axis=-1) < 1e-3
+    assert near.mean() > 0.99
+    assert (plain.object_id == shared.object_id).mean() > 0.995
+    assert plain.object_id.max() >= len(scene.meshes)
+
+
 def test_hits_are_to_the_bit_those_of_corners_that_the_matrices_place():
     random = np.random.default_rng(2)
     ball = sphere(1.0, rings=8, segments=12)

@@ -138,14 +138,14 @@ class _OpenCLCollectives:
 
         A kernel takes several leaves: 65,536 elements of two leaves take 0.88 of the CPU time of two kernels.
         """
-        taken = [self._space.allocate(index.count, source.type, source.dtype) for source in sources]
+        gathered = [self._space.allocate(index.count, source.type, source.dtype) for source in sources]
         for first in range(0, len(sources), _LEAVES):
             part = slice(first, first + _LEAVES)
             text = _taking(tuple((_word(s), s.type.size) for s in sources[part]), _index(index))
             n, last = index.count, index.dtype.type(sources[0].count - 1)
-            leaves = chain.from_iterable(zip(sources[part], taken[part], strict=True))
+            leaves = chain.from_iterable(zip(sources[part], gathered[part], strict=True))
             self._run(text, "take", n, index, n, last, *leaves, group=LOCAL_SIZE)
-        return taken
+        return gathered
 
     def put(self, values: Any, index: Any, target: Any) -> None:
         """Scatter elements; of several at one place the last one stays."""
