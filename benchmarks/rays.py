@@ -50,6 +50,8 @@ def _work(mesh: Mesh, name: str) -> Work:
     )
     ours = ours_primary if primary else ours_given
     work.ours_on("opencl", "plain", "opencl-1", "glsl")(partial(ours, mesh=mesh, any_hit=any_hit))
+    if not primary:
+        work.version("plain")(partial(plain, mesh=mesh, any_hit=any_hit))
     work.version("mitsuba")(partial(mitsuba, mesh=mesh, any_hit=any_hit))
     return work
 
@@ -97,7 +99,7 @@ def _answer(hit: Any, any_hit: bool) -> Any:
 def ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
     """Trace rays that the kernel makes, with the walk that queries of alike rays take."""
     walk: Any = walk_with(*_structure(mesh), compiled.keywords.get("backend", "opencl"))
-    if compiled.keywords == TARGETS["opencl"]:
+    if compiled.keywords in (TARGETS["opencl"], TARGETS["plain"]):
         walk = PacketIntersector(*_structure(mesh))
     eye, corner, across, down = (tuple(v) for v in view(mesh, size))
 
@@ -126,6 +128,14 @@ def ours_given(compiled: Any, origins: np.ndarray, directions: np.ndarray, mesh:
 
     kernel = compiled(secondary, loop_limit=None, **({"lanes": 1} if alone else {}))
     return lambda: kernel(origins, directions)
+
+
+def plain(origins: np.ndarray, directions: np.ndarray, mesh: Mesh, any_hit: bool) -> Any:
+    """Trace rays given as arrays, by the call that users write."""
+    intersector = Intersector(mesh)
+    if any_hit:
+        return lambda: intersector.occluded(origins, directions)
+    return lambda: intersector.intersect(origins, directions).t
 
 
 def mitsuba_sensor(camera: Camera, size: int) -> Any:

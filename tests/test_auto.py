@@ -231,8 +231,8 @@ def test_opencl_goes_on_in_the_middle_of_a_call(eager, monkeypatch):
     quick = type(kernel._executable._quick)
     run_until = quick.run_until
 
-    def watched(self, call, stop):
-        result = run_until(self, call, stop)
+    def watched(self, call, stop, first):
+        result = run_until(self, call, stop, first)
         ended.append(result[0])
         return result
 

@@ -58,6 +58,8 @@ _LOOK: Final = 0.02
 """Seconds between two readings of the clock in the middle of a call."""
 _SMALL: Final = 256
 """The most elements of a small call. Only a sample of small calls is timed."""
+_LARGE: Final = 65_536
+"""The most elements of numpy's tiles."""
 _SAMPLE: Final = 32
 """Small calls for each one that is timed: reading the clock at each call would cost a twentieth of it."""
 _LAUNCH: Final = 5e-5
@@ -192,7 +194,7 @@ class TieredExecutable:
             self._elements, self._seconds = self._elements + done, self._seconds + now - start
             return self._take_over(total)
 
-        ended, status = self._quick.run_until(call, stop)
+        ended, status = self._quick.run_until(call, stop, self._first_tile())
         if ended:
             now = time.thread_time()
             self._spent += now - last
@@ -200,6 +202,17 @@ class TieredExecutable:
             if self._spent >= self._worth:
                 self._take_over(self._spent)
         return ended, status
+
+    def _first_tile(self) -> int:
+        """Return the elements of a call's first tile, which are expected to take less time than compiling for OpenCL.
+
+        The time of a tile of the usual size may be anything: 65,536 rays in random directions took four minutes, where
+        OpenCL took .3 s with its compilation. Sizes are few, since the tiles of a shape are kept.
+        """
+        count = _SMALL
+        while self._elements and count < _LARGE and 4 * count * self._seconds < self._worth * self._elements:
+            count *= 4
+        return count
 
     def _take_over(self, total: float) -> bool:
         """Compile for OpenCL if numpy's `total` seconds pay for it; return whether OpenCL is in use.

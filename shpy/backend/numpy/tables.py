@@ -86,11 +86,18 @@ class Place:
 
 
 @lru_cache(maxsize=16)
-def places_of(shape: tuple[int, ...], tile: int, *, grid: bool) -> tuple[Place, ...]:
-    """Return the tiles of a grid, each of at most `tile` elements; blocks if `grid` and whole rows fit."""
+def places_of(shape: tuple[int, ...], tile: int, *, grid: bool, first: int | None = None) -> tuple[Place, ...]:
+    """Return the tiles of a grid, each of at most `tile` elements; blocks if `grid` and whole rows fit.
+
+    The first tile has about `first` elements, and each has up to four times as many as the one before.
+    """
     block = grid and len(shape) == 2 and 0 < shape[1] <= tile
-    count, step = math.prod(shape), tile - tile % shape[1] if block else tile
-    return tuple(Place(start, min(start + step, count), shape, block) for start in range(0, count, step))
+    count, unit = math.prod(shape), shape[1] if block else 1
+    places, start, step = [], 0, max(unit, (first or tile) // unit * unit)
+    while start < count:
+        places.append(Place(start, min(start + step, count), shape, block))
+        start, step = start + step, min(4 * step, tile // unit * unit)
+    return tuple(places)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

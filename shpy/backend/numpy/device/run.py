@@ -183,17 +183,18 @@ class NumpyExecutable:
         return self.run_until(call, _never)[1]
 
     @np.errstate(all="ignore")
-    def run_until(self, call: Call, stop: Callable[[int], bool]) -> tuple[bool, Array | None]:
+    def run_until(self, call: Call, stop: Callable[[int], bool], first: int | None = None) -> tuple[bool, Array | None]:
         """Run it, unless `stop`, called with the elements done so far between two tiles, returns True.
 
-        Return whether all elements have run, and the statuses as `run` does.
+        Tiles grow from `first` elements, so that `stop` has its say soon. Return whether all elements have run, and the
+        statuses as `run` does.
         """
         status = np.empty(call.count, np.int32) if self.prepared.status else None
         uniforms = self._uniforms(call)
         live = None if status is None else self._live(call)
         if live is not None:
-            return True, self._run_listed(call, live, uniforms)
-        for place in places_of(call.shape, self.tile, grid=self.layout.grid):
+            return self._run_listed(call, live, uniforms, stop, first)
+        for place in places_of(call.shape, self.tile, grid=self.layout.grid, first=first):
             if place.start and stop(place.start):
                 return False, None
             self._run_tile(call, place, uniforms, status)
@@ -211,13 +212,22 @@ class NumpyExecutable:
         self.rejection.run(replace(call, outputs=(rejected,)))
         return few(~rejected)
 
-    def _run_listed(self, call: Call, live: Array, uniforms: dict[tuple[str, str], Any]) -> Array:
-        """Run some elements, in tiles whose lanes are these elements; return the status of each element of the call."""
+    def _run_listed(
+        self,
+        call: Call,
+        live: Array,
+        uniforms: dict[tuple[str, str], Any],
+        stop: Callable[[int], bool],
+        first: int | None,
+    ) -> tuple[bool, Array | None]:
+        """Run some elements, in tiles whose lanes are these elements; return the same as `run_until`."""
         status = np.full(call.count, Status.DISCARDED, np.int32)
-        for start in range(0, len(live), self.tile):
-            elements = live[start : start + self.tile]
+        for tile in places_of(live.shape, self.tile, grid=False, first=first):
+            if tile.start and stop(tile.start * call.count // len(live)):
+                return False, None
+            elements = live[tile.part]
             run_some(call, elements, status, partial(self._run_list, ElementList.of(elements, call.shape), uniforms))
-        return status
+        return True, status
 
     def _run_list(self, place: Place, uniforms: dict[tuple[str, str], Any], call: Call) -> Array:
         ended = np.empty(call.count, np.int32)
