@@ -61,6 +61,7 @@ def test_numbers_are_shown_as_they_are_or_encoded_once(tmp_path):
         assert read(tmp_path / "frames")[0].tolist() == [[[level] * 3] * 2] * 2
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_a_chain_goes_on_from_frame_to_frame(tmp_path, backend):
     start = np.zeros((3, 4), np.float32)

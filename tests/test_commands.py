@@ -160,6 +160,7 @@ def test_ctrl_c_while_a_command_is_imported_is_one_line_and_130(name, imported):
     assert (done.returncode, done.stdout, done.stderr) == (130, "", f"{name}: stopped\n")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("options", [["-m", "{}"], ["-m{}"], ["-W", "ignore", "-Bm", "{}"]])
 @pytest.mark.parametrize(
     ("name", "imported"),

@@ -15,6 +15,7 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
 """
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("module", "words", "last", "found"),
     [

@@ -212,6 +212,7 @@ except OSError as error:
 """
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("ending", ["png", "exr", "npy"])
 def test_a_disk_that_is_full_is_an_os_error_and_leaves_the_old_picture(tmp_path, ending):
     assert resource.RLIMIT_FSIZE  # a limit on the size of files stands for the full disk

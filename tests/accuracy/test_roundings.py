@@ -88,6 +88,7 @@ PROGRAMS: dict[str, tuple[sh.Program, dict[str, Any], str | None]] = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_bound_holds_and_the_line_is_named(name: str) -> None:
     program, domain, form = PROGRAMS[name]
@@ -157,6 +158,7 @@ FORMS: list[tuple[str, str]] = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("text", "form"), FORMS)
 def test_forms_are_python(text: str, form: str) -> None:
     """The text of a form, written in place of the expression, gives the values that the report promises."""

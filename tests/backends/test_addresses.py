@@ -64,6 +64,7 @@ def assert_same_bits(program):
         np.testing.assert_array_equal(wanted, program.compile("opencl", lanes=lanes)(at, x))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "index", [lambda row, side: row + side, lambda row, side: side + row, lambda row, side: (row + 1) + side]
 )
@@ -73,7 +74,7 @@ def test_the_steady_part_of_an_index_is_added_to_the_table(index):
     assert_same_bits(program)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("index", "start"),
     [

@@ -123,6 +123,7 @@ def test_open_grids_rows_and_columns(backend):
     np.testing.assert_array_equal(kernel(one, other).numpy(), y * 10 + x)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_fields_and_arguments_of_a_struct_broadcast(backend):
     rng = np.random.default_rng(25)

@@ -43,7 +43,7 @@ def structured(fields):
 INDICES = np.array([-3, 0, 1, 2, 3, 4, 90])
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @everywhere
 def test_elements_are_structs_and_matrices(options):
     fields = balls(5)

@@ -192,6 +192,7 @@ def wide() -> list[str]:
     return [name for name, lanes in WIDE.items() if lanes in machine_of(None).widths]
 
 
+@pytest.mark.slow
 def test_packets_wider_than_vectors_of_opencl_agree() -> None:
     """Each case takes one of the widths that the driver has."""
     for number, case in enumerate(STRUCTURED[::96]):

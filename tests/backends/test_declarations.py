@@ -109,7 +109,7 @@ def whole_header(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     machine._programs.clear()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @each([case for case in STRUCTURED[::100] if not case.refused and "texture" not in case.name])
 def test_the_header_gives_the_same_bits(case: Case, whole_header: list[str]) -> None:
     again = replace(case)  # which is recorded anew, so that no kernel of it is kept

@@ -35,6 +35,7 @@ def test_a_unit_float_is_the_upper_bits(backend, precision):
     assert np.array_equal(found.astype(np.float64), (WORDS >> np.uint32(32 - bits)) * 2.0**-bits)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_noise_of_binary16_is_near_that_of_binary32(backend):
     @sh.program

@@ -119,7 +119,7 @@ def test_relaxed_keeps_the_bound_of_opencl_at_every_angle(name: str, backend: st
     check_bound(found, name, precision, OPS[name].bound("relaxed").ulp)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_no_angle_gives_nan_beside_near_and_far_ones(name: str, backend: str) -> None:

@@ -75,6 +75,7 @@ def recorded():
     return work
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
 @pytest.mark.parametrize("name", ["numpy", "opencl"])
 def test_kernels_compute_as_elsewhere(name, precision):
@@ -105,7 +106,7 @@ def halve(u: sh.Attrib1f) -> sh.Attrib1f:
     return u * 0.5
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["numpy", "opencl"])
 def test_streams_compute_as_elsewhere(name):
     numbers = [k * 1e-41 for k in range(-40, 40)]

@@ -114,6 +114,7 @@ def finite(*shape, precision="f32"):
     return (RNG.normal(size=shape) * 2.0 ** RNG.integers(-4, 4, shape)).astype(PRECISIONS[precision])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["interpreter", "prepared", "numpy", "numpy-5", "opencl-1", "opencl-16", "glsl"])
 def test_closed_forms(backend):
     x, (a, b) = finite(200), finite(2, 200, 2)
@@ -131,6 +132,7 @@ def dot_of(v, w):
     return each(v[:, 2], w[:, 2], total)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["interpreter", "numpy", "opencl-1", "opencl-8", "glsl"])
 def test_closed_forms_of_composites(backend):
     (v, w), t = finite(2, 120, 3), finite(120)
@@ -150,7 +152,7 @@ def residual(a: sh.Attrib1f, b: sh.Attrib1f):
     return a * b - p, p - a * b, a * b + -p
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(("backend", "precision"), [(b, p) for p in PRECISIONS for b in having(p)])
 def test_the_error_of_a_product(backend, precision):
     a, b = finite(2, 200, precision=precision)

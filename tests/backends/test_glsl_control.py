@@ -177,7 +177,7 @@ def forever_line() -> int:
         return next(n for n, line in enumerate(file, 1) if "lambda: x > 0" in line)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("limit", [1 << 20, None])
 @pytest.mark.parametrize("shape", ["while", "do", "for", "nested"])
 def test_a_loop_that_the_device_stops_is_told_or_right(shape: str, limit: int | None) -> None:

@@ -169,7 +169,7 @@ def test_half_is_the_nearest_binary16(size: int) -> None:
     check(run((t,), t, arrays, lambda b, inputs: b.let("half", *inputs, type=t)), expected, arrays)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "name", ["add", "sub", "mul", "div", "sqrt", "fma", "mad", "floor", "min", "dot", "normalize", "mod"]
 )
@@ -209,6 +209,7 @@ def test_a_vector_with_some_zeros_is_not_folded_wrong(op: str) -> None:
     check(found, expected_of(op, [arrays[0], fixed], t), arrays)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("base", "fiu")
 def test_a_literal_is_exact(base: str) -> None:
     t = vec(base)

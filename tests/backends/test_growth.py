@@ -53,6 +53,7 @@ def test_programs_that_were_evicted_are_released(backend, monkeypatch):
     assert open_files() <= files
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_kernels_start_no_threads_of_their_own(backend):
     """Each kernel of GLSL looked for one more device, and left the thread that had not found it."""

@@ -36,7 +36,7 @@ def rounded(name: str) -> Any:
     return results
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(36)
 @pytest.mark.parametrize("name", UNARY)
 def test_all_binary16_are_the_exact_value_rounded_everywhere(name: str) -> None:
     wanted = rounded(name)

@@ -71,7 +71,7 @@ def expected() -> tuple[Any, ...]:
     return w[:, :4], w[:, :3:-1], dot, folds
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @everywhere
 def test_vectors_of_eight_meet_everything_else(backend: str, lanes: int | None) -> None:
     for result, right in zip(run(mixed, backend, lanes, A, B, N), expected(), strict=True):
@@ -98,6 +98,7 @@ def shared(x: sh.Attrib1f, table: sh.Table[sh.Attrib4f]) -> sh.Attrib1f:
     return total
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("lanes", [4, 8, 16])
 def test_a_packet_keeps_what_all_lanes_share(lanes: int) -> None:
     table = RNG.normal(size=(8, 4)).astype(np.float32)
@@ -126,7 +127,7 @@ def test_a_packet_splits_what_differs_from_lane_to_lane() -> None:
     np.testing.assert_array_equal(kernel(A, B), turned[:, :4] + turned[:, 4:])
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @everywhere
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_at_other_precisions(backend: str, lanes: int | None, precision: str) -> None:

@@ -214,6 +214,7 @@ def test_where_the_device_stops_a_loop_it_is_told(spelling: Body, around: Any, l
         right_or_told(program, n, limit, stops=stops)
 
 
+@pytest.mark.sampled(2)
 @names
 def test_where_the_device_stops_a_loop_of_known_length_it_is_told(spelling: Body) -> None:
     for n in (60_000, 66_000, 200_000):
@@ -290,6 +291,7 @@ def every() -> sh.Program:
 TARGETS = [("numpy", {}), *(("opencl", {"lanes": n}) for n in (1, 8)), ("glsl", {})]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("backend", "options"), TARGETS, ids=["numpy", "opencl-1", "opencl-8", "glsl"])
 def test_each_spelling_takes_its_limit_and_no_iteration_more(backend: str, options: dict[str, Any]) -> None:
     which, n = (a.ravel().astype(np.int32) for a in np.meshgrid(np.arange(len(SPELLINGS)), [1, 2, 49, 50, 51, 90]))

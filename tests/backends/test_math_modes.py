@@ -126,7 +126,7 @@ def check_strict(name: str, *arrays: Array) -> None:
     check_same(program(name).compile("glsl")(*arrays), reference, arrays, flushed=flushes_denormals("glsl"))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", UNARY)
 def test_strict_keeps_its_bound_and_has_the_same_bits_everywhere(name: str) -> None:
     for x in sweep(4_099):
@@ -140,6 +140,7 @@ def test_strict_keeps_its_bound_in_a_fine_sweep(name: str) -> None:
         check_strict(name, x)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", BINARY)
 def test_strict_of_two_keeps_its_bound_on_all_pairs(name: str) -> None:
     a, b = (grid.ravel() for grid in np.meshgrid(SPECIAL, SPECIAL))
@@ -154,7 +155,7 @@ def test_strict_of_two_keeps_its_bound_at_random(name: str) -> None:
     check_strict(name, a, b)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.slow
 @pytest.mark.parametrize("lanes", [1, 4, 8])
 @pytest.mark.parametrize("every", [all_of_one, all_of_two])
 def test_strict_has_the_same_bits_in_packets_of_any_width(every: Callable[[], sh.Program], lanes: Any) -> None:
@@ -182,6 +183,7 @@ def test_relaxed_of_two_keeps_the_bound_of_opencl(backend: str) -> None:
         check_bound(found, in_f64(name, a, b), bound, (a, b), flushed=flushes_denormals(backend))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_fast_is_about_right_for_ordinary_numbers(backend: str) -> None:
     x, above = (np.linspace(first, first + 0.5, 1000, dtype=np.float32) for first in (0.25, 1.25))
@@ -239,7 +241,7 @@ def check_bound_of_doubles(name: str, results: Array, arrays: tuple[Array, ...])
             assert off <= bound, f"{given}: {found} is {float(off)} ULP off"
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", sorted(TRANSCENDENTALS))
 def test_strict_doubles_keep_their_bound_and_have_the_same_bits(name: str) -> None:
     x = doubles(name)

@@ -73,7 +73,7 @@ def given(function):
     return {"x": RNG.normal(size=(40, 3) if kind is sh.Point3f else 40).astype(np.float32)}
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("function", TOGETHER, ids=lambda f: f.__name__)
 def test_the_sums_are_those_of_single_iterations(function):
     program = sh.program(function)

@@ -82,7 +82,7 @@ def compare(seed, sizes, tile):
             assert_same_bits(output[lane], value, told)  # zeros where not written
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("start", range(0, 200, 20))
 def test_random_programs(start):
     for seed in range(start, start + 20):

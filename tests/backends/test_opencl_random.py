@@ -46,13 +46,13 @@ def compare(seed: int, sizes: Sizes) -> None:
                 assert same(output[k], value), f"{slot.name} of element {k}: {output[k]}, not {value}"
 
 
-@pytest.mark.sampled(9)
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("seed", range(40))
 def test_random_programs(seed: int) -> None:
     compare(seed, Sizes())
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("seed", range(40, 60))
 def test_random_programs_as_they_were_recorded(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing promoted, folded or removed: the printer meets dead values, dead code and stores of everything."""

@@ -66,6 +66,7 @@ def test_a_uniform_input_is_the_same_for_all() -> None:
     assert np.array_equal(compiled(one, a[0, 0], False), one)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("size", [1, 2, 3, 4])
 def test_bools_in_and_out(size: int) -> None:
     b = Builder("invert")
@@ -78,6 +79,7 @@ def test_bools_in_and_out(size: int) -> None:
     assert np.array_equal(out, ~data)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
 def test_precisions(precision: Any) -> None:
     scale = sh.Param(sh.Attrib1f, 0.375, name="scale")
@@ -126,6 +128,7 @@ def test_a_table_is_uploaded_once_and_again_when_it_has_changed(monkeypatch: pyt
     assert all(t is not None for t in list(tables_of(machine)._copies))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shape", [(4,), (2, 3), (2, 3, 4), (2, 3, 4, 5)])
 def test_grid_index_runs_along_the_last_axis_first(shape: tuple[int, ...]) -> None:
     rank = len(shape)
@@ -251,6 +254,7 @@ CORES = set(range(os.cpu_count() or 1))
 LAST = max(CORES)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("told", "confine", "kept"),
     [

@@ -172,7 +172,7 @@ def test_a_value_keeps_what_it_read_before_a_store() -> None:
     assert b.tolist() == [2, -3]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("expected", "make"),
     [
@@ -204,6 +204,7 @@ def test_floats_are_written_in_their_order(expected: str, make: Any) -> None:
     assert expression(make, F, F, F, F) == expected
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("expected", "make"),
     [

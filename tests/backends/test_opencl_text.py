@@ -91,6 +91,7 @@ PROGRAMS: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_golden_text(name: str, snapshots: Any) -> None:
     snapshots.check(f"{name}.cl", PROGRAMS[name].compile("opencl", lanes=1).source)

@@ -36,13 +36,13 @@ def test_every_operation_of_one_lane(base: str) -> None:
     check_every_operation(1, base, 1)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(("base", "size", "lanes"), [("f", 3, 4), ("d", 2, 1), ("i", 4, 4), ("u", 3, 1), ("b", 2, 4)])
 def test_every_operation_on_vectors(base: str, size: int, lanes: int) -> None:
     check_every_operation(lanes, base, size)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("base", "fdiub")
 @pytest.mark.parametrize("lanes", [16, 8])
 def test_every_operation(lanes: int, base: str) -> None:
@@ -102,6 +102,7 @@ def reciprocal_root(x: sh.Attrib1f) -> sh.Attrib1f:
     return sh.rsqrt(x)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("lanes", [4, 8, 16])
 def test_a_reciprocal_root_begins_with_the_processors_estimate(lanes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its bits are those of the formula; `scripts/exhaustive rsqrt` compares all numbers."""

@@ -50,6 +50,7 @@ def test_lanes_that_stay_together_are_a_row(lanes: int, shape: tuple[int, ...]) 
             same(found, expected)
 
 
+@pytest.mark.sampled(2)
 @each_width
 @pytest.mark.parametrize("shape", [(9, 37), (70, 1), (5, 64), (91,)])
 def test_lanes_that_part_are_a_block(lanes: int, shape: tuple[int, ...]) -> None:
@@ -77,6 +78,7 @@ def test_a_list_has_no_rows_to_test(lanes: int) -> None:
     assert ".whole" not in text
 
 
+@pytest.mark.sampled(2)
 @each_width
 @pytest.mark.parametrize("program", [halved, kept])
 def test_the_end_of_a_list_is_where_the_array_ends(lanes: int, program: sh.Program) -> None:

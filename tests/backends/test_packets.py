@@ -152,6 +152,7 @@ def forms(x: sh.Attrib1f, k: sh.Attrib1i) -> tuple[sh.Attrib1f, sh.Attrib3i, sh.
     return total, seen, total > x
 
 
+@pytest.mark.sampled(3)
 @each_width
 def test_loops_branches_and_exits_that_differ(lanes: int) -> None:
     rng = np.random.default_rng(3)
@@ -160,6 +161,7 @@ def test_loops_branches_and_exits_that_differ(lanes: int) -> None:
         same(found, expected)
 
 
+@pytest.mark.sampled(3)
 @each_width
 def test_a_loop_that_runs_out_of_iterations_names_its_elements(lanes: int) -> None:
     @sh.program
@@ -177,6 +179,7 @@ def test_a_loop_that_runs_out_of_iterations_names_its_elements(lanes: int) -> No
     assert np.array_equal(error.value.result.outputs[:31], k[:31])
 
 
+@pytest.mark.sampled(3)
 @each_width
 def test_inputs_that_are_the_same_for_all(lanes: int) -> None:
     @sh.program
@@ -296,6 +299,7 @@ def test_arrays_of_a_lane_of_its_own(lanes: int, kind: Any) -> None:
         same(found, expected, n)
 
 
+@pytest.mark.sampled(3)
 @each_width
 def test_an_array_that_is_the_same_for_all_is_read_at_places_that_differ(lanes: int) -> None:
     @sh.program
@@ -338,6 +342,7 @@ def test_a_lane_that_holds_no_element_is_never_asked(lanes: int, shape: tuple[in
     assert inside.all()
 
 
+@pytest.mark.sampled(3)
 @each_width
 def test_only_active_lanes_are_asked(lanes: int) -> None:
     @sh.program
@@ -357,7 +362,7 @@ def test_only_active_lanes_are_asked(lanes: int) -> None:
 # Programs at random
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("seed", range(24))
 def test_random_programs(seed: int) -> None:
     lanes, count = WIDTHS[seed % 3], SIZES[seed % 4]
@@ -406,6 +411,7 @@ def test_a_large_kernel_calls_a_function_whose_code_is_generated_once(few: bool)
         np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.sampled(3)
 @each_width
 def test_subroutines_are_functions_of_packets(lanes: int) -> None:
     @sh.subroutine
@@ -447,6 +453,7 @@ def test_subroutines_are_functions_of_packets(lanes: int) -> None:
     assert all(f"\ndef {name}(" in numpy.source for name in ("advance", "tone", "tone_2", "tone_3", "picture"))
 
 
+@pytest.mark.sampled(3)
 @each_width
 def test_the_status_is_known_behind_a_loop_when_every_way_ends_in_a_call(lanes: int) -> None:
     @sh.subroutine

@@ -165,6 +165,7 @@ def moved(body: Body, by: sh.Table[sh.Attrib2f], base: sh.Table[sh.Attrib1i, 2])
     return Body(body.at + by[body.mass], body.mass + base[0, 1])
 
 
+@pytest.mark.sampled(3)
 @every
 def test_structs_and_tables_in_streams_are_checked_once(name, checks):
     kernel, rng = moved.compile(name), np.random.default_rng(5)

@@ -103,6 +103,7 @@ def test_the_probe_knows_devices_that_flush_denormals() -> None:
     assert probe.wrong_operations({**all_flushed, "fma": a * b + c}) == {"denormals", "fma"}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("backend", "lanes"), [("opencl", 1), ("opencl", 8), ("glsl", "auto")])
 def test_division_and_root_are_mended(backend: str, lanes: Any, wrong: Any) -> None:
     wrong("div", "sqrt")
@@ -266,7 +267,7 @@ def test_first_values_of_a_loop_are_hidden_from_a_driver_that_misreads_its_exits
         assert zero not in compiled(stepping, backend).source
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", [sh.Attrib1i, sh.Attrib1u, sh.Attrib2i, sh.Attrib1f])
 @pytest.mark.parametrize(("lanes", "math"), [(1, "strict"), (1, "fast"), (8, "strict")])
 def test_what_is_hidden_from_a_driver_that_misreads_exits_changes_no_result(

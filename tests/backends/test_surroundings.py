@@ -46,7 +46,7 @@ def stencil(offsets: tuple[tuple[int, int], ...], wraps: str = "") -> sh.Program
 NEAR = ((0, 0), (-1, 0), (1, 1), (0, -17), (2, 3))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("wraps", ["", "grid", "table"])
 @pytest.mark.parametrize("lanes", LANES)
 def test_borders(lanes: int, wraps: str) -> None:
@@ -59,7 +59,7 @@ def test_borders(lanes: int, wraps: str) -> None:
             assert np.array_equal(answer, moved(field, shape, by, shape if wraps else None)), (shape, by)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("wraps", ["", "grid", "table", "other"])
 @pytest.mark.parametrize("sides", [((6, 150), (6, 150)), ((6, 150), (9, 70)), ((6, 150), (3, 300)), ((1, 1), (5, 64))])
 @pytest.mark.parametrize("lanes", [4, 16, 64])
@@ -80,7 +80,7 @@ def test_tables_of_other_sizes_than_the_grid_and_moduli_that_are_not_its_shape(
 FAR = (1 << 16, (1 << 16) + 1, 2**31 - 1, -(2**31))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("by", [(0, FAR[0]), (0, FAR[1]), (0, -FAR[1]), (FAR[2], 0), (0, FAR[2]), (FAR[3], FAR[3])])
 @pytest.mark.parametrize("wraps", ["", "grid"])
 def test_far_offsets_wrap_around_as_ints_do(by: tuple[int, int], wraps: str) -> None:

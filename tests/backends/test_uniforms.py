@@ -319,6 +319,7 @@ def lens_value(k):
     return {"at": (k, 2, 3), "turn": np.eye(3) * k, "wide": k / 3, "count": k}
 
 
+@pytest.mark.sampled(2)
 @everywhere
 def test_params_of_structs_and_matrices(options):
     lens = sh.Param(Lens, lens_value(1))

@@ -95,6 +95,7 @@ def test_a_difference_with_itself_is_not_always_nothing():
     assert "precise" not in counted.compile("glsl", math="fast").source.split("bool sh_isnan(")[1].split(")")[0]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["interpreter", "numpy", "opencl", "opencl-4", "glsl"])
 @pytest.mark.parametrize("name", ["quotients_that_are_flushed_have_a_sign", "fma_keeps_the_sign_of_what_is_flushed"])
 def test_what_is_flushed_changes_no_other_result(name, backend):

@@ -219,6 +219,7 @@ def test_random_chains_give_what_their_kernels_give_one_by_one(backend, tree, se
     check(tree, backend, data(seed, size))
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_table_reads_what_the_stream_held_before(backend):
     x = np.array([1, 0, 0, 0, 0], np.float32)
@@ -249,6 +250,7 @@ def test_a_chain_of_no_executions_gives_copies(backend):
     np.testing.assert_array_equal(x, [1, 2])
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_numbers_and_params_hold_for_every_element(backend):
     speed = sh.Param(sh.Attrib1f, 8)
@@ -300,6 +302,7 @@ def test_structs_and_tables(backend):
     np.testing.assert_array_equal(again.streams["rays"].numpy().at, rays.numpy().at)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_tables_of_vectors_follow_their_stream(backend):
     @sh.program
@@ -323,6 +326,7 @@ def test_kernels_are_members_too(backend):
     assert result.streams["x"].backend == backend
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_sequence_gives_the_bits_of_the_fused_program(backend):
     @sh.program
@@ -364,6 +368,7 @@ def test_empty_streams(backend):
     assert result.counts == {"move": 0, "wear": 0}
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_programs_of_one_name_are_counted_apart(backend):
     first, second = move, sh.sequence(move, where="on")
@@ -373,6 +378,7 @@ def test_programs_of_one_name_are_counted_apart(backend):
     assert result.counts == {"move": 5, "move_2": 3}
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_loops_nest(backend):
     @sh.program
@@ -418,6 +424,7 @@ def beside_a_number(u: sh.Table[sh.Attrib1f, 1], c: sh.Attrib1f) -> dict:
     return {"u": c * (u[i - 1] + u[i + 1])}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("count", [1, 2, 3])
 @on_every_backend
 def test_a_table_beside_a_number_keeps_its_axes(backend, count):
@@ -436,6 +443,7 @@ def reject_bright(red: sh.Attrib1f, calls: sh.Attrib1i):
     return {"calls": calls + 1}
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_loop_over_two_kernels_ends_when_the_second_one_writes_nothing(backend):
     """Listing 4.8 of the thesis: `while (n != 1) { n = 0; K1.execute(); if (K2.execute() == 0) n++; }`."""
@@ -462,6 +470,7 @@ def finish(n: sh.Attrib1i, ready: sh.Attrib1b):
     return {"n": n + 1, "ready": sh.Attrib1b(False)}
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_decider_that_is_held_back_does_not_end_the_loop(backend):
     """Too few elements are ready for its share; after a round without a write of the decider, it runs for any."""

@@ -247,6 +247,7 @@ def test_a_loop_that_goes_on_names_the_kernel_that_decides():
         sh.loop(grow, sink, until="sink", loop_limit=3).run(x=[500.0], backend="numpy")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_budgets(backend):
     chain = sh.loop(sink, loop_limit=3)

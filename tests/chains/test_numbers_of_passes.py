@@ -41,6 +41,7 @@ def exchange_in_stage(keys: sh.Table[sh.Attrib1i, 1], stage: sh.Attrib1i, step: 
 KEYS = np.random.default_rng(7).integers(-(2**31), 2**31, 1024).astype(np.int32)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_one_kernel_sorts_1024_keys(backend):
     result = sh.repeat(exchange, 55, index="k").run(keys=KEYS, backend=backend)
@@ -92,6 +93,7 @@ def test_the_innermost_repeat_that_names_it_counts(backend):
     assert digits_of(sh.sequence(inner, inner), backend) == 12_012
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_conditions_read_it(backend):
     assert digits_of(sh.repeat(note, 6, where=is_odd, index="k"), backend) == 135
@@ -125,6 +127,7 @@ def is_late(turn: sh.Attrib1i, age: sh.Attrib1i) -> sh.Attrib1b:
     return (turn > 2) & (age < 0)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_loop_counts_its_rounds(backend):
     chain = sh.loop(ripen, index="turn")
@@ -143,6 +146,7 @@ def wait(left: sh.Attrib1i):
     return {"left": left - 1}
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_share_reads_the_number_of_the_round(backend):
     chain = sh.loop(wait, ripen, when={"ripen": sh.share(is_late, 0.2)}, index="turn")
@@ -150,6 +154,7 @@ def test_a_share_reads_the_number_of_the_round(backend):
     np.testing.assert_array_equal(result.streams["age"], 3)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("backend", "precision"), [("numpy", "f16"), ("numpy", "f64"), ("opencl", "f64"), ("glsl", "f16")]
 )

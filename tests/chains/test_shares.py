@@ -104,6 +104,7 @@ def test_fewer_executions_for_a_larger_share():
     assert ran[0.5].counts == ran[0.001].counts
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_the_loop_may_be_a_part_of_a_chain(backend):
     arrays = data(500, 6)

@@ -52,6 +52,7 @@ def transfers(monkeypatch):
     return watch
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_arrays_go_to_the_device_once_and_nothing_comes_back(backend, transfers):
     image = np.random.default_rng(1).random((9, 11), np.float32)
@@ -97,6 +98,7 @@ def test_each_assignment_of_memories_is_made_ready_once(backend, kernel, monkeyp
     assert len(ready) <= 3
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_grid_goes_to_the_device_once_and_comes_back_once(backend, transfers):
     """As the benchmarks time it, from an array on the host to an array on the host."""
@@ -106,6 +108,7 @@ def test_a_grid_goes_to_the_device_once_and_comes_back_once(backend, transfers):
     assert seen == {"read": 1, "write": 1}
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_sorts_and_counts_of_particles_read_nothing(backend, transfers):
     """Positions and velocities go to the device and come back; a sort by merging uploads a number for each merge.

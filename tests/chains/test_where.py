@@ -40,7 +40,7 @@ def bits(data):
     return np.ascontiguousarray(array).view(np.uint8)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @SHARES
 @on_every_backend
 def test_elements_that_do_not_run_keep_what_out_held(backend, share):
@@ -69,6 +69,7 @@ def test_elements_that_do_not_run_keep_what_out_held(backend, share):
             np.testing.assert_array_equal(bits(held[name].numpy()), bits(expected[name]), err_msg=name)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_an_output_may_be_an_input(backend):
     @sh.program
@@ -84,7 +85,7 @@ def test_an_output_may_be_an_input(backend):
     assert double.compile(backend).run(np.zeros((0,)), where=np.zeros(0, bool)).count == 0
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @SHARES
 @on_every_backend
 def test_kernels_that_do_not_know_their_place(backend, share):
@@ -138,7 +139,7 @@ def halve(x: sh.Attrib2f, by: sh.Attrib1f):
     return {"half": x / by, "rest": x.x > by}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
 @pytest.mark.parametrize("pays", [True, False])
 def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):
@@ -189,6 +190,7 @@ def test_a_list_is_made_where_moving_its_elements_takes_less_time_than_it_saves(
     assert lists == ([20] * 3 if moving < 1 else [20] * 2)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_elements_know_their_place(backend):
     @sh.program
@@ -205,6 +207,7 @@ def test_elements_know_their_place(backend):
     np.testing.assert_array_equal(bits(found), bits(np.where(mask[..., None], kernel(image, add), 0)))
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_discards_and_conditions_add_up(backend):
     @sh.program
@@ -218,6 +221,7 @@ def test_discards_and_conditions_add_up(backend):
     np.testing.assert_array_equal(result.written, [True, False, False, False])
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_loops_that_run_out_in_a_list_of_elements(backend):
     @sh.program
@@ -247,6 +251,7 @@ def test_where_takes_bools():
             return where
 
 
+@pytest.mark.sampled(2)
 @SHARES
 @on_every_backend
 def test_a_stream_is_the_condition_of_a_chain(backend, share):
@@ -260,6 +265,7 @@ def test_a_stream_is_the_condition_of_a_chain(backend, share):
     assert result.counts == {"iterate": mask.sum()}
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_program_is_the_condition_of_a_chain(backend):
     c, weights, mask, out = case(0.5)
@@ -272,6 +278,7 @@ def test_a_program_is_the_condition_of_a_chain(backend):
     assert result.counts == {"iterate": both.sum()}
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_loop_ends_when_no_element_runs(backend):
     @sh.program

@@ -163,6 +163,7 @@ def test_derivatives_are_computed_in_other_processes(mode):
             assert a.tobytes() == b.tobytes()
 
 
+@pytest.mark.sampled(2)
 @every
 @pytest.mark.parametrize("chunks", [(5, 4, 3), (13, 17, 3), (1, 17, 3)])
 def test_blocks_have_the_bits_of_one_run(name, chunks):
@@ -176,6 +177,7 @@ def test_blocks_have_the_bits_of_one_run(name, chunks):
     assert found.b.compute().tobytes() == wanted.b.tobytes()
 
 
+@pytest.mark.sampled(3)
 @every
 def test_structs_and_matrices_go_in_and_out(name):
     rays = {"o": X[0], "m": draw.random((17, 2, 2)).astype(np.float32)}
@@ -259,6 +261,7 @@ def test_arrays_that_are_hardly_longer_than_the_reach_wrap_around(n):
     assert found.compute().tobytes() == wanted.tobytes()
 
 
+@pytest.mark.sampled(2)
 @every
 @pytest.mark.parametrize("size", [1, 3, 9, 17])
 def test_indices_clamped_by_the_program_reach_as_far(name, size):

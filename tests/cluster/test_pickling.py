@@ -146,6 +146,7 @@ def test_a_line_of_an_error_travels_both_ways(tmp_path):
     assert error.result.outputs.tolist() == here.value.result.outputs.tolist()
 
 
+@pytest.mark.sampled(3)
 @every
 def test_results_over_streams_and_errors_that_hold_them_travel(name):
     @sh.program
@@ -198,6 +199,7 @@ def test_a_struct_of_the_same_name_with_other_fields_is_another(monkeypatch):
     assert (type(found).__name__, found._fields) == ("Pair", ("near", "turned"))
 
 
+@pytest.mark.sampled(3)
 @every
 def test_kernels_keep_their_options(name):
     kernel = everything.compile(name, math="relaxed", loop_limit=77)

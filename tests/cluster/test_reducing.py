@@ -40,6 +40,7 @@ def test_sums_have_the_bits_of_one_stream(n, chunks):
     assert wanted == sh.Stream(x, sh.Attrib1f, "numpy").sum()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("chunks", [(5_000, 7, 3), (9_001, 2, 3), (333, 1, 1)])
 @pytest.mark.parametrize("axis", [None, 0, np.int64(1), -1])
 def test_vectors_along_axes(chunks, axis):

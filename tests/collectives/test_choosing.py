@@ -56,10 +56,12 @@ def test_distinct_elements(moved):
     check_unique(moved, 150, 1)
 
 
+@pytest.mark.sampled(3)
 def test_many_distinct_elements(moved):
     check_unique(moved, 6, 2, sizes=LARGE[:6])
 
 
+@pytest.mark.sampled(3)
 def test_the_greatest_elements(moved):
     check_top_k(moved, 150, 3)
 
@@ -74,6 +76,7 @@ def test_programs_do_the_same(by_programs):
     check_top_k(by_programs, 60, 6)
 
 
+@pytest.mark.sampled(3)
 def test_ints_bools_and_several_axes(moved):
     x = np.int32([[3, -1, 3], [2**31 - 1, -(2**31), 3]])
     found = sh.unique(stream(x, sh.Attrib1i, moved))

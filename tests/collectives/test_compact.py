@@ -26,6 +26,7 @@ def check(backend, count, seed, **options):
         assert_same_bits(kept, x[mask])
 
 
+@pytest.mark.sampled(3)
 def test_the_marked_elements_stay_in_order(moved):
     check(moved, OFTEN, 1)
 

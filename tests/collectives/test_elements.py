@@ -46,7 +46,7 @@ def steps(*shape):
     return Step(rng.choice([0.5, 1.0, 2.0], shape), Part(matrices, np.ones(shape, np.int32)))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("n", [1, 7, 200])
 def test_elements_of_a_named_tuple(target, n):
     given = steps(n)
@@ -68,6 +68,7 @@ def test_elements_of_a_named_tuple(target, n):
     assert np.array_equal(before.scale[1:], np.cumprod(given.scale)[:-1])
 
 
+@pytest.mark.sampled(2)
 def test_named_tuples_along_an_axis(target):
     given = steps(3, 5)
     rows = sh.reduce(join, sh.Stream(given, Step, target), axis=1)
@@ -75,6 +76,7 @@ def test_named_tuples_along_an_axis(target):
     assert np.array_equal(rows.numpy().scale, np.prod(given.scale, axis=1))
 
 
+@pytest.mark.sampled(2)
 def test_a_program_that_returns_a_tuple_combines_structs(target):
     x = np.random.default_rng(1).normal(size=50).astype(np.float32)
     found = sh.reduce(widest, sh.Stream({"low": x, "high": x}, Pair, target))

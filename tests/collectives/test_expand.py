@@ -14,6 +14,7 @@ class Ray:
     n: sh.Attrib1i
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_it_is_numpys_repeat(backend):
     rng = np.random.default_rng(3)

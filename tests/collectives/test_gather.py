@@ -19,6 +19,7 @@ def check(backend, count, seed, **options):
         assert_same_bits(sh.gather(given, stream(index, sh.Attrib1i, backend)), x[index.clip(0, len(x) - 1)])
 
 
+@pytest.mark.sampled(3)
 def test_elements_at_indices(moved):
     check(moved, OFTEN, 1)
 

@@ -34,6 +34,7 @@ def test_bins_are_those_of_numpy(computed):
     check(computed, OFTEN, 1)
 
 
+@pytest.mark.sampled(2)
 def test_many_elements(computed):
     check(computed, 4, 2, sizes=LARGE[-4:])
 
@@ -73,6 +74,7 @@ def test_counts_beyond_what_floats_hold_are_added(monkeypatch):
     assert_same_bits(sh.histogram(stream(x, sh.Attrib1i, "glsl"), 9), np.bincount(x).astype(np.int32))
 
 
+@pytest.mark.sampled(2)
 def test_edges_between_ints(computed):
     x = np.array([-(2**31), -5, 0, 1, 2, 3, 2**31 - 1], np.int32)
     for edges in ([0.5, 1, 2.5], [-1e12, 0, 1e12], [-9, -5.5], [1e10, 1e11], [-1e11, -1e10], [0, 1, 2**31 - 1]):

@@ -39,13 +39,13 @@ def check(target, sizes, seed):
             assert not differs(found, tree(x, f)).any(), (n, seed, program)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 def test_reductions_have_the_bits_of_the_tree(target):
     check(target, SIZES, 1)
     check(target, np.random.default_rng(5).integers(1, 300, 14), 2)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 def test_scalars_have_the_bits_of_the_tree(target):
     for n in (63, 64, 65, 66, 67, 127, 1003, 4097):
         x = columns(n, 4, target)
@@ -95,7 +95,7 @@ def test_denormals_are_no_zeros(backend, cases):
         assert np.array_equal(along.argmax(axis=0).numpy(), np.argmax(along.numpy(), axis=0))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.slow
 def test_sizes_around_blocks_and_parts(trees):
     for n in AROUND:
         for seed, x in enumerate((columns(n, 21, trees)[:, 3].copy(), specials(n, 22, trees))):
@@ -154,7 +154,7 @@ def halve_both(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return a - b * 0.5
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("parts", [2, 1 << 11, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 37))])
 def test_parts_of_any_number_have_the_bits_of_the_tree(monkeypatch, parts):
     """As on a device with another number of cores: more parts than a block has elements, among others."""
@@ -339,7 +339,7 @@ def test_other_floats_than_the_working_one(backend, type_, word):
     assert s.sum("exact") == word(math.fsum(x.tolist()))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize(("type_", "precision"), [(sh.Attrib2h, "f32"), (sh.Attrib2f, "f16")])
 @pytest.mark.parametrize("n", [2049, 70_001])
@@ -352,7 +352,7 @@ def test_a_mean_divides_by_a_number_that_16_bits_do_not_hold(backend, type_, pre
     assert s.reshape(1, n).mean(axis=1).numpy().tobytes() == wanted.tobytes()
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize(("type_", "precision"), [(sh.Attrib1h, "f32"), (sh.Attrib1f, "f16")])
 def test_16_bits_are_added_in_32(backend, type_, precision):
@@ -406,6 +406,7 @@ def test_programs_that_ask_where_they_are_do_not_combine():
         sh.reduce(here, sh.Stream([1, 2], sh.Attrib1f, backend="numpy"))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_programs_with_branches_and_uniforms(backend):
     limit = sh.Param(sh.Attrib1f, 3.0)
@@ -442,6 +443,7 @@ def by_subroutine(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return distance_or_half(a, b)
 
 
+@pytest.mark.sampled(2)
 def test_programs_may_call_subroutines_that_return_early(target):
     for n in (1, 2, 17, 1000):
         x = np.random.default_rng(n).standard_normal(n).astype(np.float32)

@@ -40,7 +40,7 @@ def check(target, sizes, seed):
             assert not differs(found, prefixes(x, f)).any(), (n, seed, program)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 def test_prefixes_have_the_bits_of_the_definition(target):
     check(target, SIZES, 1)
     check(target, np.random.default_rng(5).integers(1, 300, 14), 2)
@@ -51,7 +51,7 @@ def halve_scalars(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return a - b * 0.5
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 def test_prefixes_of_scalars(target):
     for n in (63, 64, 65, 66, 67, 127, 1003, 4097):
         x = columns(n, 4, target)
@@ -63,7 +63,7 @@ def test_prefixes_of_scalars(target):
             assert not differs(sh.scan(halve_scalars, s, exclusive=True).numpy(), shifted).any(), (n, k)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 def test_sizes_around_blocks_and_parts(trees):
     for n in AROUND:
         for seed in (0, 3, 12):  # numbers, all exponents, NaN
@@ -87,6 +87,7 @@ def test_the_last_prefix_of_a_power_of_two_is_the_reduction(backend):
     assert not differs(found, from_columns(sh.reduce(halve_columns, as_columns(x, backend)))).any()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_exclusive_prefixes_begin_with_zero(backend):
     for n in (0, 1, 2, 3, 4, 5, 17, 300):
@@ -125,7 +126,7 @@ def halve_vectors(a: sh.Attrib3f, b: sh.Attrib3f) -> sh.Attrib3f:
     return a - b * 0.5
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_trees_at_other_working_precisions(target, precision, request):
     """Reductions and prefixes of scalars and vectors, in the runs of one part and of several.

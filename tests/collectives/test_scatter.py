@@ -79,6 +79,7 @@ def check_folds(backend, count, seed, **options):
         assert_same_bits(found, wanted)
 
 
+@pytest.mark.sampled(3)
 def test_the_last_value_stays(moved):
     check(moved, OFTEN, 1)
 
@@ -87,6 +88,7 @@ def test_many_values(moved):
     check(moved, 11, 2, sizes=LARGE)
 
 
+@pytest.mark.sampled(2)
 def test_values_are_folded_in_order(computed):
     check_folds(computed, OFTEN, 3)
 
@@ -95,6 +97,7 @@ def test_many_values_are_folded_in_order(computed):
     check_folds(computed, 2, 4, sizes=(4097, 20_011))
 
 
+@pytest.mark.slow
 def test_programs_do_the_same(by_programs):
     check(by_programs, 100, 8)
 
@@ -141,6 +144,7 @@ def doubled(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return a + a
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("precision", ["f32", "f64", "f16"])
 def test_sums_are_folded(computed, precision):
     if (computed, precision) == ("glsl", "f64"):
@@ -161,6 +165,7 @@ def test_sums_are_folded(computed, precision):
         assert_same_bits(folded, expected)
 
 
+@pytest.mark.sampled(2)
 def test_sums_of_ints_wrap_and_may_be_written_among_their_values(computed):
     values = stream([[2**31 - 1, 1], [1, 2], [5, 6], [7, 8]], sh.Attrib2i, computed)
     sh.scatter(values, [3, 3, -1, 0], combine=added_counts, out=values)

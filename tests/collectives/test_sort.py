@@ -56,14 +56,17 @@ def check(backend, count, seed, **options):
             assert_same_bits(sh.argsort(given, descending=descending), order.astype(np.int32))
 
 
+@pytest.mark.sampled(3)
 def test_sorted_and_stable(moved):
     check(moved, OFTEN, 1)
 
 
+@pytest.mark.sampled(3)
 def test_many_elements(moved):
     check(moved, 11, 2, sizes=LARGE)
 
 
+@pytest.mark.sampled(2)
 def test_programs_do_the_same(by_programs):
     check(by_programs, 100, 5)
 
@@ -84,6 +87,7 @@ def test_the_digits_of_devices_with_small_caches_or_stacks(monkeypatch):
     assert_same_bits(own.order(memory, True, None).read(), order_of(bits, True).astype(np.int32))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("cls", "dtype"), [(sh.Attrib1i, np.int32), (sh.Attrib1u, np.uint32), (sh.Attrib1b, np.bool_)])
 def test_ints_and_bools(moved, cls, dtype):
     rng = np.random.default_rng(4)

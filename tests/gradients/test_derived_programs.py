@@ -327,7 +327,7 @@ def curved(p: sh.Attrib3f) -> sh.Attrib1f:
     return total
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize(("program", "mode"), [(curved, "forward"), (curved, "reverse"), (wave, "reverse")])
 def test_derivatives_in_other_modes_of_arithmetic(program: sh.Program, mode: Any) -> None:
     """Portable and fused derivatives have the same bits everywhere; relaxed and fast ones are near to those at f64."""

@@ -306,6 +306,7 @@ def pairs(a: sh.Attrib1f, b: sh.Attrib1f, c: sh.Attrib2f) -> sh.Attrib1f:
     return p.u * p.w.x + p.w.y * p.w.y
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("wrt", [("a",), ("c",), ("b", "c")])
 def test_rules_of_structs_by_some_of_the_arguments(wrt: tuple[str, ...]) -> None:
     """Not every component of the result moves; the tangents of the other arguments are 0."""

@@ -50,6 +50,7 @@ def rows():
                     yield op.name, args, result_type(op.name, args)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
 def test_every_operation_gives_its_type_at_every_precision(precision):
     rng = np.random.default_rng(7)

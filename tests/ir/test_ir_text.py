@@ -229,6 +229,7 @@ def long_module(count):
     return Module("long", (Port("x", "Attrib1f"),), (Port("y", "Attrib1f"),), (), (), (b.finish(),))
 
 
+@pytest.mark.slow
 def test_effort_is_linear_in_statements():
     few, many = long_module(1_000), long_module(10_000)
     short, long = print_module(few), print_module(many)

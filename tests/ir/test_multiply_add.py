@@ -22,6 +22,7 @@ def agree(a, b, c):
     assert not wrong.size, [(a[k], b[k], c[k], results[k], right[k]) for k in wrong[:3]]
 
 
+@pytest.mark.sampled(3)
 @each_type
 def test_numbers_at_the_edges(dtype):
     numbers = np.finfo(dtype)
@@ -32,6 +33,7 @@ def test_numbers_at_the_edges(dtype):
     agree(a, b, c)
 
 
+@pytest.mark.sampled(2)
 @each_type
 @pytest.mark.parametrize("share", [1, 8])
 def test_sums_that_nearly_cancel_and_middles(dtype, share):

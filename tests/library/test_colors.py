@@ -26,14 +26,14 @@ def conversion(*names):
     return sh.program(convert)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", CONVERSIONS)
 def test_all_backends_give_the_same_bits(name):
     turn = CONVERSIONS.index(name)
     sh.testing.assert_equivalent(conversion(name), np.concatenate([COLORS, ODD]), backends=covering(turn))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @on_every_backend
 @pytest.mark.parametrize("name", ["hsv", "hsl", "srgb", "xyz", "lab"])
 def test_there_and_back_again(name, backend):
@@ -45,6 +45,7 @@ def test_there_and_back_again(name, backend):
     )
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_hues_are_those_of_colorsys(backend):
     hsv = conversion("hsv_from_rgb").compile(backend)(COLORS)
@@ -83,7 +84,7 @@ def test_alpha_stays_and_negative_numbers_mirror():
         assert np.asarray(convert(0.5)) == found[0]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @on_every_backend
 def test_white_has_luminance_one_and_no_hue(backend):
     xyz = conversion("xyz_from_linear").compile(backend)((1, 1, 1))

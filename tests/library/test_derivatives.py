@@ -104,7 +104,7 @@ def test_differences_are_those_of_the_neighbours(value, shape):
     assert shape == (1, 1) or np.ptp(dx) > 0
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("value", VALUES)
 def test_all_backends_give_the_same_bits(value):
     sh.testing.assert_equivalent(differences(value), shape=(7, 9), backends=covering(VALUES.index(value)))
@@ -135,6 +135,7 @@ def test_an_element_that_ended_before_counts_as_if_it_had_not(backend):
     assert result.outputs.tolist() == [[1, 7, -1, 5, 9, 9]]
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_ranks_and_kinds(backend):
     @sh.program

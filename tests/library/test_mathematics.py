@@ -33,6 +33,7 @@ def test_all_backends_give_the_same_bits():
     sh.testing.assert_equivalent(vectors, *v, backends=covering(2))
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_lerp_is_exact_at_its_ends(backend):
     @sh.program
@@ -82,6 +83,7 @@ def test_the_logarithm_of_each_power_of_ten_is_a_whole_number_in_binary64():
     np.testing.assert_array_equal(found, powers)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_outer_is_numpys(backend):
     v, w = np.float32([[1, 2, 3], [-4, 0.5, 8]])

@@ -45,7 +45,7 @@ def test_all_backends_give_the_same_bits(size):
         sh.testing.assert_equivalent(program, points, backends=covering(turn))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @on_every_backend
 @in_each_dimension
 def test_octaves_add_up(size, backend):
@@ -62,6 +62,7 @@ def test_octaves_add_up(size, backend):
     )
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_the_number_of_octaves_may_be_known_at_run_time_only(backend):
     @sh.program
@@ -75,6 +76,7 @@ def test_the_number_of_octaves_may_be_known_at_run_time_only(backend):
     assert np.all(rough.compile(backend)(NEAR[2], 0) == 0)
 
 
+@pytest.mark.sampled(2)
 @on_every_backend
 @in_each_dimension
 def test_cellnoise_is_constant_in_each_cell_and_differs_between_cells(size, backend):
@@ -102,7 +104,7 @@ def nearest(points, size, metric):
     return np.sort(np.linalg.norm(away, norm, axis=-1), axis=1)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize(
     ("metric", "size", "backend"),
     [(metric, size, "numpy") for metric in METRICS for size in (1, 2, 3)]

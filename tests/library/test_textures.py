@@ -34,7 +34,7 @@ DEEP = ["clamp", ("mirror", "repeat", "clamp")]
 FILTERS = ["nearest", "linear", "cubic"]
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("wrap", FLAT)
 @pytest.mark.parametrize("filter", FILTERS)
 def test_all_backends_give_the_same_bits(filter, wrap):
@@ -72,7 +72,7 @@ def centers(shape):
     return np.stack(grid[::-1], axis=-1)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @on_every_backend
 @pytest.mark.parametrize("wrap", WRAPS)
 def test_the_wrap_of_an_axis_is_a_sequence_of_indices(wrap, backend):
@@ -136,7 +136,7 @@ def test_filters_are_convolutions(filter, backend):
     np.testing.assert_allclose(found, resampled(SPACE, UVW[:80], wraps, filter), atol=2e-5)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @on_every_backend
 @pytest.mark.parametrize("filter", ["linear", "cubic"])
 def test_smooth_filters_reproduce_texels_and_ramps(filter, backend):
@@ -149,6 +149,7 @@ def test_smooth_filters_reproduce_texels_and_ramps(filter, backend):
     np.testing.assert_allclose(read(ramp).compile(backend)(uv), expected, atol=1e-5)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_texture_in_space_has_numpys_axes(backend):
     nearest = library.Texture3D(SPACE, filter="nearest", name="space")
@@ -172,6 +173,7 @@ def test_level_0_is_the_image(backend):
             np.testing.assert_array_equal(found, wanted)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_each_level_is_half_of_the_one_before(backend):
     image = RNG.uniform(0, 1, (12, 4))
@@ -261,6 +263,7 @@ def test_all_backends_give_the_same_bits_on_a_cube(filter):
         sh.testing.assert_equivalent(program, given, backends=covering(turn))
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_cube_shows_its_pixels_and_has_no_seam(backend):
     faces = RNG.uniform(0, 1, (6, 8, 8)).astype(np.float32)
@@ -282,6 +285,7 @@ def test_a_cube_shows_its_pixels_and_has_no_seam(backend):
     assert np.all(read(cube, sh.Vector3f).compile(backend)(directions) == 0)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_smooth_sky_stays_smooth(backend):
     directions = library.TextureCube.directions(32)

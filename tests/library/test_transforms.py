@@ -30,6 +30,7 @@ def of_cameras(eye: sh.Point3f, target: sh.Point3f, angle: sh.Attrib1f) -> tuple
     return library.look_at(eye, target), library.perspective(angle, 1.5, 0.1, 100)
 
 
+@pytest.mark.slow
 def test_all_backends_give_the_same_bits():
     axes = np.concatenate([RNG.normal(size=(40, 3)), [[0, 0, 0], [1e30, -1e30, 0], [np.inf, 0, 1], [np.nan, 1, 1]]])
     angles = np.concatenate([RNG.uniform(-10, 10, 41), [-0.0, np.inf, 1e6]])
@@ -38,6 +39,7 @@ def test_all_backends_give_the_same_bits():
     sh.testing.assert_equivalent(of_cameras, eyes, np.zeros((44, 3)), np.abs(angles), backends=covering(2))
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_rotations_are_orthonormal_and_turn_counterclockwise(backend):
     axes, angles = RNG.normal(size=(50, 3)), RNG.uniform(-7, 7, 50)
@@ -58,6 +60,7 @@ def test_rotations_are_orthonormal_and_turn_counterclockwise(backend):
     )
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_scale_and_translate_act_on_points_and_vectors(backend):
     @sh.program
@@ -69,6 +72,7 @@ def test_scale_and_translate_act_on_points_and_vectors(backend):
     assert [part.tolist() for part in found] == [[11, 22, 27], [1, 2, -3], [9, 0]]
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_look_at_and_perspective_are_those_of_glu(backend):
     eye, target = np.array([3.0, 2, 5]), np.array([-1, 0.5, 0])

@@ -65,6 +65,7 @@ def scaled(data, by, wanted=sh.Attrib1f):
     return scaled
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_programs_with_other_data_share_a_kernel_and_keep_their_data(backend, monkeypatch):
     monkeypatch.setattr(kernel, "_executables", {})

@@ -50,6 +50,7 @@ def agrees(base: Base, body: str) -> bool:
     return True
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("base", EDGES, ids=str)
 def test_an_operation_after_another(base):
     ops = UNARY[base]

@@ -58,6 +58,7 @@ def test_programs_that_discard_later_have_none(program):
     assert find_rejection(program.ir) is None
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("share", [0, 0.1, 0.6, 0.9])
 @pytest.mark.parametrize("tile", [1, 7, 1000])
 def test_a_list_of_elements_gives_the_same(monkeypatch, share, tile):

@@ -65,7 +65,7 @@ def rotated(shard: int) -> tuple[str, ...]:
     return ("interpreter", "prepared", "numpy", ROTATION[shard % len(ROTATION)], "glsl")
 
 
-@pytest.mark.sampled(22)  # shards 0 and 11: one lane and 16, and one whose compiler derives
+@pytest.mark.sampled(44)  # of all 24
 @each_part
 @pytest.mark.parametrize("shard", range(12))
 def test_programs_agree(shard: int, part: int) -> None:
@@ -131,7 +131,7 @@ def agree_fused(shard: int, part: int, backends: tuple[str, ...], precision: Pre
     seed(f"fused {shard}.{part}")(run)()
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.slow
 @each_part
 @pytest.mark.parametrize("shard", range(6))
 def test_fused_programs_agree(shard: int, part: int) -> None:
@@ -205,6 +205,7 @@ def forms(block: Block, inside: tuple[str, ...] = ()) -> set[tuple[str, ...]]:
     return found
 
 
+@pytest.mark.slow
 def test_the_strategy_makes_what_matters() -> None:
     """Every loop in every loop with every exit, gathers, calls; elements that part; every end."""
     nests: set[tuple[str, ...]] = set()

@@ -186,6 +186,7 @@ def test_the_command_animates_what_its_camera_options_say(tmp_path):
     assert np.array_equal(np.asarray(pillow.open(output / "0001.png")), expected)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("words", ["--accel ldc:16:triangle --bounces 0", "--tracer staged --accel brute --bounces 0"])
 def test_the_command_animates_with_an_accelerator_and_a_tracer(tmp_path, monkeypatch, words):
     moving = lambda time: Scene([box().moved((time, 0, 0))], [PointLight((3, 5, 4))], Camera((2, 2, 4)))  # noqa: E731

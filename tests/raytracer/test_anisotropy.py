@@ -39,7 +39,7 @@ def metals(**changes):
     return two_balls(BRUSHED, wood, **{"lights": [PointLight((2, 4, 3)), EnvironmentLight((0.3,) * 3)], **changes})
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Path(samples=2, bounces=3), Whitted(bounces=2)], ids=["Path", "Whitted"])
 def test_every_backend_has_the_same_bits(integrator):
     lights = {} if isinstance(integrator, Path) else {"lights": [PointLight((2, 4, 3))]}
@@ -107,6 +107,7 @@ def test_programs_decide_it():
     same(*(render(scene, (6, 4), backend="numpy") for scene in scenes))
 
 
+@pytest.mark.slow
 def test_other_tracers_and_changes():
     scene = metals(lights=[PointLight((2, 4, 3))])
     whole = render(scene, (12, 8), backend="numpy", accel="grid")

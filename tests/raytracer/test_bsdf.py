@@ -31,6 +31,7 @@ def sphere_of_directions():
     return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shininess", [0, 0.5, 1, 40])
 @pytest.mark.parametrize("specular", [1.0, 0.25])
 def test_densities_integrate_to_1_and_are_those_of_the_directions_drawn(specular, shininess):

@@ -47,7 +47,7 @@ def rays(mesh, count=2000, seed=1):
     return origins.astype(np.float32), directions.astype(np.float32)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_hits_are_those_of_every_triangle(name, backend):
@@ -64,6 +64,7 @@ def test_hits_are_those_of_every_triangle(name, backend):
     assert not found.all()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MESHES)
 def test_hits_are_those_of_the_grid(name):
     mesh = MESHES[name]
@@ -77,7 +78,7 @@ WIDTHS = (1, 4, 8, 16), (1, 16)
 """The lanes of packets that walk through boxes with two children, and with four."""
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["bricks", "soup"])
 @pytest.mark.parametrize(
     ("query", "widths"),
@@ -151,6 +152,7 @@ def test_the_range_is_kept_before_and_behind_the_origin():
     assert np.all(hits.triangle[t_max <= t_min] == -1)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e6, 1e12])
 def test_scenes_of_all_sizes(scale):
     mesh = sphere(rings=10, segments=20)

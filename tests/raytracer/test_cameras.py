@@ -32,6 +32,7 @@ def test_directions_that_are_long_or_short_are_those_of_any_length(far):
         np.testing.assert_array_equal(camera.axes, [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 @pytest.mark.parametrize("given", [{"aperture": 1e30}, {"aperture": 0.1, "focus": 1e300}, {"span": 1e300}])
 def test_lengths_of_a_camera_that_no_kernel_holds_are_told(given, precision):
@@ -167,7 +168,7 @@ def scene_of(camera):
     return Scene(meshes, (PointLight((3, 5, 4), (20, 18, 15), falloff="square"),), camera)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CAMERAS)
 def test_backends_bands_and_tracers_agree_to_the_last_bit(name, monkeypatch):
     scene = scene_of(CAMERAS[name])
@@ -186,6 +187,7 @@ def test_a_renderer_takes_cameras_of_every_kind():
         same(renderer.render((16, 12), camera=camera), render(scene_of(camera), (16, 12), backend="numpy"))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("falloff", ["none", "square"])
 @pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (1e4, -3e4, 2e4)])
 def test_a_plane_under_a_light_by_lamberts_law(falloff, at):

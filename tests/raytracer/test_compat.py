@@ -120,6 +120,7 @@ def cube_without_an_octant(size):
     return trimesh.Trimesh(**trimesh.triangles.to_kwargs((np.array(triangles) - 1) * size))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_points_in_the_planes_of_faces_and_edges_are_inside_or_outside(backend):
     """Points in the planes of faces, and rays through edges, where a parity of hits would go wrong."""

@@ -40,7 +40,7 @@ def traced(near, **options):
     return trace_ray
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize(
     ("backend", "accel"),
     [("numpy", accel) for accel in ("bvh", "grid", "brute", "ldc:64", "ldc:64:triangle")]

@@ -100,6 +100,7 @@ def test_the_border_lies_where_the_number_is_one_half():
     np.testing.assert_array_equal(found.object_id, np.broadcast_to(np.arange(16) >= 8, (16, 16)) - 1)
 
 
+@pytest.mark.slow
 def test_backends_and_accelerators_agree_to_the_last_bit():
     scene = everything()
     size = 30, 20

@@ -46,7 +46,7 @@ def difference(one, other):
     return 255 * float(np.sqrt(np.mean((one.pixels - other.pixels) ** 2)))
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.slow
 @pytest.mark.parametrize("hit", ["sample", "plane", "triangle"])
 @pytest.mark.parametrize(
     "options", [{"bounces": 2}, {"integrator": "path", "samples": 2, "bounces": 3}], ids=["whitted", "path"]
@@ -61,6 +61,7 @@ def test_every_backend_shades_the_same(hit, options):
         same(picture, pictures[0])
 
 
+@pytest.mark.sampled(3)
 @every
 def test_weights_are_those_of_texels_centres(backend):
     cube = LayeredCube.of(scene(), 16, backend=backend, shading="deferred")
@@ -76,7 +77,7 @@ def test_weights_are_those_of_texels_centres(backend):
     np.testing.assert_allclose(along, cube.images.depths, atol=1e-4 * np.ptp(corners))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.slow
 @every
 @pytest.mark.parametrize("hit", ["plane", "triangle"])
 def test_flat_surfaces_of_one_colour_differ_by_rounding_alone(backend, hit):

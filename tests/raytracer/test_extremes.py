@@ -169,6 +169,7 @@ def test_slivers_are_met_as_rationals_say(backend):
     assert decided > 200
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_what_is_no_triangle_or_no_number_is_missed(backend):
     """Degenerate, duplicate and denormal triangles: a hit or a miss, the same with every accelerator."""
@@ -433,7 +434,7 @@ def in_255ths(pixels):
     return 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["boxes", pytest.param("mirror-box", marks=pytest.mark.slow), "mixed"])
 def test_a_scene_looks_the_same_wherever_it_stands(name):
     """At least 99.5 % of pixels within 2/255 of the picture in f64 of the scene where it was made."""

@@ -11,6 +11,7 @@ from raytracer import DirectionalLight, Mesh, MetallicRoughness, Path, Scene, Wh
 BLACK = {"baseColorFactor": [0, 0, 0, 1], "metallicFactor": 0}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("look", "extensions", "f0"),
     [
@@ -88,7 +89,7 @@ def pictured():
     return file
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Whitted(), Path(samples=2, bounces=3)], ids=["whitted", "path"])
 def test_backends_agree_about_a_file_with_pictures_in_all_slots(tmp_path, integrator):
     scene = Scene.load(pictured().save(tmp_path / "all.glb"))

@@ -28,6 +28,7 @@ def cube_of(mesh, resolution, hit="plane", backend="numpy", **options):
     return LayeredCube.of(mesh, resolution, 8, backend, hit, depths="half", **options)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_kernel_decodes_every_number_of_binary16(backend):
     """Every normal number that is finite: no others are stored."""
@@ -54,7 +55,7 @@ def test_numbers_in_groups_are_read_back():
         np.testing.assert_array_equal(groups.bases[np.arange(1001) >> shift] + words.astype(np.int32), numbers)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("hit", ["plane", "sample"])
 def test_every_backend_gives_the_same_samples_and_hits(hit):
     origins, directions = rays(150)
@@ -134,6 +135,7 @@ def test_a_ray_that_leaves_a_surface_does_not_hit_it():
     assert shoot.occluded(places, outward).mean() > 0.2
 
 
+@pytest.mark.slow
 def test_pictures_moves_and_the_command(tmp_path):
     scene = Scene.builtin("boxes")
     path = tmp_path / "boxes.npy"

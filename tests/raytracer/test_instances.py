@@ -86,6 +86,7 @@ def pictures(request, scene):
     return plain, {backend: render(scene, SIZE, integrator=both, backend=backend) for backend in BACKENDS}
 
 
+@pytest.mark.slow
 def test_pictures_have_the_same_bits_on_all_backends(pictures):
     _, shared = pictures
     for backend in BACKENDS[1:]:

@@ -18,6 +18,7 @@ BACKENDS = ("numpy", "opencl", "glsl")
 SCENE = Scene([box(), floor(4)], [PointLight((2, 4, 3))], name="box")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("value", "keywords"),
     [
@@ -137,6 +138,7 @@ ASKED = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["cuda", 3])
 @pytest.mark.parametrize("name", ASKED)
 def test_a_backend_that_is_not_there_is_told_at_the_users_line(name, backend):

@@ -27,7 +27,7 @@ def rays(mesh, count, seed):
     return origins.astype(np.float32).astype(float), directions.astype(np.float32).astype(float)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_hits_are_those_of_brute_force(name, backend):
@@ -71,6 +71,7 @@ def test_double_precision_is_that_of_the_oracle():
     np.testing.assert_allclose(hits.t[hit], t[hit], rtol=1e-12)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_occluded_is_whether_anything_is_nearer(backend):
     mesh = MESHES["soup"]
@@ -149,6 +150,7 @@ def test_nothing_to_hit_and_no_rays():
     assert Intersector(box(), backend="numpy").intersect(np.zeros((0, 3)), np.zeros((0, 3))).t.shape == (0,)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("origins", "directions", "more", "words"),
     [

@@ -25,6 +25,7 @@ KERNELS = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "accel", "backend"), KERNELS)
 def test_the_kernel_is_what_it_was(name, accel, backend, snapshots):
     scene = Scene.builtin(name)

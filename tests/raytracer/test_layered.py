@@ -154,6 +154,7 @@ def test_hits_of_triangles_are_those_of_the_hierarchy(name):
     same_arrays(Intersector(mesh, cube, "opencl").intersect(origins, directions), hits)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("hit", ["sample", "plane", "triangle"])
 def test_every_backend_gives_the_same_hits(hit):
     origins, directions = rays(KNOT, 150)
@@ -235,6 +236,7 @@ def test_approximate_hits_come_nearer_with_the_resolution(hit):
     assert wrong[2] < wrong[0] / 3
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", CLOSED)
 def test_no_ray_leaves_a_closed_convex_mesh(name):
     mesh = CLOSED[name]
@@ -317,6 +319,7 @@ def test_pictures_and_the_command(tmp_path):
     assert image.stats.features["layered cube"] == 64
 
 
+@pytest.mark.slow
 def test_secondary_rays_of_path_tracing():
     check_secondary("cornell", "numpy", integrator="path", samples=2)
 

@@ -148,6 +148,7 @@ def test_backends_and_tracers_agree_to_the_bit(clear):
         np.testing.assert_array_equal(render(scene, (20, 12), **other).pixels, expected)
 
 
+@pytest.mark.slow
 def test_objects_move_and_precisions_agree_under_an_environment():
     """A move sends places alone; binary64 and binary16 show the light of binary32."""
     light = EnvironmentLight(gradient)

@@ -73,6 +73,7 @@ def test_alpha_through_a_lens_is_softer(integrator):
     assert partial[1] > partial[0] * (1.5 if isinstance(integrator, Path) else 1)
 
 
+@pytest.mark.slow
 def test_alpha_beside_cubes_and_g_buffers():
     scene = Scene(
         [sphere(0.5, VELVET, rings=8, segments=12).moved((0, 0.5, 0)), floor(1.5)], [PointLight((2, 4, 3))], CAMERA
@@ -87,6 +88,7 @@ def test_alpha_beside_cubes_and_g_buffers():
     np.testing.assert_allclose(buffered.pixels, eyes.pixels, atol=0.02)
 
 
+@pytest.mark.slow
 def test_an_environment_lights_surfaces_that_rays_find_in_cubes():
     """Mirrored rays find the same surfaces in a cube, but for its approximation, and the same light around it."""
     light = np.linspace(0.2, 1.5, 8 * 16 * 3, dtype=np.float32).reshape(8, 16, 3)
@@ -129,6 +131,7 @@ def test_spots_shine_through_clear_walls_within_their_cone(integrator):
     assert middles[0] > 0.1
 
 
+@pytest.mark.slow
 def test_layered_materials_move_through_stages_and_animations(tmp_path):
     """Frames of an animation are the pictures of its scenes, staged or not."""
     stripes = Texture(np.float32([[[0.1] * 3, [0.9] * 3]]), srgb=False)

@@ -117,7 +117,7 @@ def wall(z, material):
     return floor(40, material).moved((0, 0, z), tilt=90)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["whitted", "path"])
 def test_fresnels_share_of_glass_in_water_is_that_of_the_ratio(integrator):
     water, glass = water_and_glass()

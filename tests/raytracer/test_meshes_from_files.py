@@ -68,7 +68,7 @@ def test_triangles_cost_no_calls():
     assert Layout.of(many).triangles.shape == (3 * 70_002, 4)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 def test_every_walk_through_a_real_mesh_hits_the_same(scene):
     """From the eye, and on from what was hit, to the bit."""
     mesh = scene.meshes[0]

@@ -105,7 +105,7 @@ def test_pictures_have_the_same_bits_at_every_width(lanes):
     np.testing.assert_array_equal(renderer.render((16, 12)).pixels, expected.pixels)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize(
     ("field", "number", "picture"),
     [
@@ -133,7 +133,7 @@ def test_a_picture_of_one_colour_is_a_number(field, number, picture):
     np.testing.assert_allclose(*images, atol=1e-6)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("integrator", [Whitted(), Path(samples=256)], ids=["whitted", "path"])
 @pytest.mark.parametrize("glass", [False, True])
 def test_mirrors_of_phongs_model_have_colours(integrator, glass):
@@ -176,6 +176,7 @@ def test_whitted_shows_the_matt_lobe_as_phongs_model_does():
     np.testing.assert_allclose(images[0].pixels, images[1].pixels, atol=3e-3)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("beside", [(), (ball(Material(transmission=1.0), 20.0),)], ids=["alone", "beside glass"])
 @pytest.mark.parametrize("roughness", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("metallic", [0.0, 1.0])

@@ -104,7 +104,7 @@ RESTORED = {
 """Looks that are not reciprocal."""
 
 
-@pytest.mark.sampled(15)
+@pytest.mark.sampled(45)
 @pytest.mark.parametrize("name", [*LOOKS, *RESTORED])
 @pytest.mark.parametrize("height", [1.0, 0.4, 0.05])
 def test_densities_integrate_to_1_and_nothing_is_gained(name, height):
@@ -127,7 +127,7 @@ def test_densities_integrate_to_1_and_nothing_is_gained(name, height):
         np.testing.assert_array_less(difference, 4 * error + 3e-3)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", LOOKS)
 def test_lobes_are_reciprocal(name):
     value, *_ = kernels(LOOKS[name])
@@ -184,6 +184,7 @@ def check_gains_nothing(colors):
     assert (colors.mean(axis=0) <= 1 + 3 * error_of(colors) + 1e-6).all(), colors.mean(axis=0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("roughness", "albedo"), [(0.2, 0.996), (0.5, 0.882), (0.7, 0.707), (1.0, 0.409)])
 def test_a_white_metal_has_the_albedo_of_ggx(roughness, albedo):
     x = (np.arange(256) + 0.5) / 256  # the mean over the ball's disc: 2 mu d mu
@@ -193,7 +194,7 @@ def test_a_white_metal_has_the_albedo_of_ggx(roughness, albedo):
     check_gains_nothing(colors)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("roughness", [0.5, 1.0])
 def test_compensation_restores_a_white_metal_and_gains_nothing(roughness):
     """Colours lose what they absorb from facet to facet; plastic with it gains nothing, either."""
@@ -225,7 +226,7 @@ def test_white_plastic_loses_nothing_below_its_upper_layer(roughness):
     check_gains_nothing(colors)
 
 
-@pytest.mark.sampled(15)
+@pytest.mark.slow
 @pytest.mark.parametrize("coarse", [True, False])
 @pytest.mark.parametrize(
     "roughness", [0, 1e-8, 1e-4, pytest.param(0.02, marks=pytest.mark.slow), 1 / 31 - 1e-6, 1 / 31, 0.1, 1]
@@ -254,6 +255,7 @@ def test_a_smooth_metal_is_a_coloured_mirror():
     np.testing.assert_allclose(image.pixels, np.broadcast_to(gold, (4, 4, 3)), atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_closed_room_is_a_geometric_series():
     """Walls that send out 1 and scatter 0.8 show the sum of the powers of 0.8, of which 32 bounces are followed."""
     chalk = MetallicRoughness((0.8, 0.8, 0.8), specular=0, roughness=1, emission=(1, 1, 1))

@@ -63,7 +63,7 @@ PATH_MOVES = {"numpy": ("turned", "nothing"), "opencl": ("far", "mirrored"), "gl
 """Every backend takes all moves with one integrator, and the other integrator takes all of them on some backend."""
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("backend", "options", "moves"),
     [pytest.param(backend, WHITTED, tuple(MOVES), id=f"{backend}-whitted") for backend in BACKENDS]
@@ -151,7 +151,7 @@ def test_the_scene_is_the_one_that_is_shown():
     assert np.array_equal(renderer.scene.meshes[0].vertices, before)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("backend", "options"),
     [(b, o) for k, b in enumerate(BACKENDS) for o in ((PATH, {}) if k % 2 else ({}, PATH))],

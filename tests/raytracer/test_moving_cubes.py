@@ -64,6 +64,7 @@ def test_rigid_objects_keep_their_cubes_and_the_pictures_are_exact(backend, opti
     assert renderer.builds == 2
 
 
+@pytest.mark.slow
 def test_a_deformed_object_has_a_new_cube_and_the_others_keep_theirs(made):
     renderer = Renderer(scene(), accel="ldc:64:triangle", backend="numpy", bounces=2)
     ball = scene().meshes[1]

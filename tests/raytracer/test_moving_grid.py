@@ -52,7 +52,7 @@ def built(monkeypatch):
     return counts
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tracer", "backend"),
     [
@@ -80,6 +80,7 @@ def test_pictures_are_those_of_the_hierarchy_and_the_grid_stays(backend, tracer,
         same(renderer.render(SIZE), Renderer(scene(**MOVES[-1]), backend="numpy", bounces=2).render(SIZE))
 
 
+@pytest.mark.slow
 def test_paths_and_deformed_objects_beside_a_grid(built):
     options = {"integrator": "path", "samples": 1, "backend": "opencl"}
     renderers = [Renderer(scene(), accel=accel, **options) for accel in ("grid", "bvh")]

@@ -97,6 +97,7 @@ def test_a_map_is_a_texture():
         Material(normal_map=(0, 0, 1))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("scale", [1, 0.5, 2])
 def test_the_maps_of_a_gltf_file(scale, tmp_path):
     """Green leans upward in the picture; `scale` multiplies the slopes."""

@@ -44,7 +44,7 @@ def odd_rays(mesh, count=640):
     return origins, directions
 
 
-@pytest.mark.sampled(15)
+@pytest.mark.sampled(30)
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("query", [queries.intersect, queries.occluded, queries.count], ids=lambda q: q.__name__)
 def test_the_same_hits_as_in_other_walks(name, query):
@@ -65,7 +65,7 @@ def test_the_same_hits_as_in_other_walks(name, query):
         same_arrays(first, other)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("lanes", [4, 8, 16])
 def test_packets_of_every_width(lanes):
     mesh = SCENES["soup"]

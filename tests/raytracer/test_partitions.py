@@ -104,7 +104,7 @@ def layers():
     return [*balls, floor(9, MetallicRoughness(picture, 0, 0.4)).moved((0, -0.5, 0))]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("around", [False, True])
 def test_parts_of_layered_materials_and_coloured_mirrors_make_the_same_picture(client, around):
     light = EnvironmentLight(sky, rotation=30) if around else DirectionalLight((-1, -2, -1))

@@ -79,6 +79,7 @@ def test_white_furnace():
     np.testing.assert_allclose(image.pixels, 1, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_white_furnace_of_a_box_that_is_open():
     room = box((2, 2, 2), WHITE, inward=True)
     open_room = Mesh(room.vertices, room.faces[:-2], material=WHITE)
@@ -101,6 +102,7 @@ def test_a_lobe_of_exponent_0_is_the_hemisphere_about_the_mirrored_ray():
     agrees(traced(Scene([floor(9, shiny)], [EnvironmentLight((1, 1, 1))], aslant), samples=4), 0.8 * 0.75)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("side", "height"), [(0.02, 1.0), (1.0, 1.0), (40.0, 1.0)])
 def test_a_floor_under_a_square_light(side, height):
     ground = floor(9, Material((0.5, 0.5, 0.5), diffuse=0.8, specular=0))

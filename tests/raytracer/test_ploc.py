@@ -50,6 +50,7 @@ def test_morton_order_is_that_of_interleaved_bits():
     assert morton_order(near).tolist() == sorted(range(len(near)), key=keys.__getitem__)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "corners",
     [
@@ -80,6 +81,7 @@ ON_BACKENDS = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("corners", ON_BACKENDS.values(), ids=ON_BACKENDS)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_trees_are_the_same_on_every_backend(backend, corners, monkeypatch):

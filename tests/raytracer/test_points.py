@@ -104,6 +104,7 @@ def test_words_choose_cells_in_proportion_to_their_brightness(shape):
     assert np.all(np.diff(down.reshape(256, 256), axis=0) >= 0)
 
 
+@pytest.mark.slow
 def test_clamp_bounds_what_more_than_one_surface_has_scattered():
     """Direct light is as without it; other light is at most so bright at each surface, and a large bound changes none.
 

@@ -70,6 +70,7 @@ def boxes():
     return seen(BOXES)
 
 
+@pytest.mark.slow
 def test_the_picture_is_the_traced_one_on_every_backend(boxes):
     traced = render(BOXES, SIZE, backend="numpy")
     shown = [render(BOXES, primary=boxes, backend=backend) for backend in ("numpy", "opencl", "glsl")]

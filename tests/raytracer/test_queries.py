@@ -27,7 +27,7 @@ def rays(count, seed=1):
     return origins.astype(np.float32), (rng.normal(size=(count, 3)) - origins / 2).astype(np.float32)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_all_hits_are_those_of_brute_force_in_order(name, backend):
@@ -50,6 +50,7 @@ def test_all_hits_are_those_of_brute_force_in_order(name, backend):
     np.testing.assert_array_equal(hits.triangle >= 0, count > 0)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("backend", "accelerators"),
     [
@@ -204,6 +205,7 @@ def test_arrays_that_are_no_rays(origins, words):
             shoot.closest_point(origins)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_a_wrong_ray_among_many_is_named(backend, dtype):
@@ -288,6 +290,7 @@ def test_rays_that_leave_a_surface_do_not_meet_it(backend, way, monkeypatch):
     np.testing.assert_array_equal(shoot.occluded(start, away, leaving=True), far > 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start", "widths"),
     [
@@ -333,6 +336,7 @@ POINTS = np.concatenate(
 )
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_closest_points_are_those_of_brute_force(backend):
     found = Intersector(SOUP, backend=backend).closest_point(POINTS)
@@ -373,6 +377,7 @@ def test_closest_points_of_triangles_without_area():
     np.testing.assert_allclose(found.points, [[0, 0, 0], [5, 2, 0], [0.5, 9, 0], [0.2, 0.2, 7]], atol=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("scale", [1e-30, 1e-5, 1e5, 1e30])
 def test_closest_points_in_scenes_of_all_sizes_and_places(scale):
     place = np.array([3.0, -2, 1]) * 1e3
@@ -473,6 +478,7 @@ def test_a_move_that_is_not_rigid_is_refused():
         shoot.move(np.eye(3))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("accel", ["bvh", "grid", "brute", "ldc:64"])
 def test_a_query_for_any_hit_ends_at_the_first_one(accel):
     shoot = Intersector(SOUP, accel=accel, backend="numpy")

@@ -106,7 +106,7 @@ def test_backends_agree_on_random_scenes(group):
     run_scenes(group, "opencl")
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     "sketch",
     [

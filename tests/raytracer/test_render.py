@@ -53,6 +53,7 @@ def pictures(scene):
     return made, [render(made, (48, 32), backend=backend, bounces=2) for backend in ("numpy", *devices)]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("bounces", [0, 1, 3])
 def test_the_picture_is_the_oracles(backend, bounces):
@@ -61,13 +62,14 @@ def test_the_picture_is_the_oracles(backend, bounces):
     near(image.pixels, oracles(small, 72, 48, bounces))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_boxes_is_the_oracles(backend):
     image = render(Scene.builtin("boxes"), (64, 64), backend=backend)
     near(image.pixels, oracles(SCENES["boxes"], 64, 64, 3))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "changes",
     [
@@ -96,7 +98,7 @@ def test_what_a_scene_lacks_changes_nothing(changes):
     near(render(scene, (48, 48), backend="numpy", bounces=2).pixels, Picture(scene).render(48, 48, 2))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("scene", [small, *SCENES.values()])
 def test_backends_agree_to_the_last_bit(scene):
     images = pictures(scene)[1]
@@ -258,7 +260,7 @@ def test_unknown_scene_names_the_known():
         Scene.builtin("teapots")
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize(
     ("name", "triangles"),
     [
@@ -352,7 +354,7 @@ def test_a_tiny_ball_is_seen_where_it_is():
         assert (image.object_id >= 0).sum() <= 1
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "glsl"])
 @pytest.mark.parametrize("name", ["mirror-box", "glass"])
 def test_relaxed_pictures_are_nearly_the_strict_ones(name, backend):

@@ -186,6 +186,7 @@ def test_other_textures_and_programs_are_built_anew_and_their_numbers_are_not():
         same(renderer.render(SIZE), Renderer(made, backend="numpy").render(SIZE))
 
 
+@pytest.mark.slow
 def test_objects_that_move_keep_the_materials_that_were_shown():
     made = scene()
     renderer = Renderer(made, backend="numpy")

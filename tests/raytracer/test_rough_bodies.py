@@ -40,7 +40,7 @@ def bodies(**changes):
     return two_balls(FROSTED, amber, **{"lights": [PointLight((2, 4, 3)), EnvironmentLight((0.3,) * 3)], **changes})
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Path(samples=2, bounces=4), Whitted(bounces=3)], ids=["Path", "Whitted"])
 def test_every_backend_has_the_same_bits(integrator):
     lights = {} if isinstance(integrator, Path) else {"lights": [PointLight((2, 4, 3))]}
@@ -66,6 +66,7 @@ def test_a_smooth_body_is_glass_of_phongs_model(integrator, ior):
     np.testing.assert_allclose(images[0].pixels, images[1].pixels, rtol=2e-4, atol=2e-5)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", [Whitted(bounces=4), Path(samples=4, bounces=5)], ids=["Whitted", "Path"])
 @pytest.mark.parametrize("roughness", [0.0, 0.5])
 def test_a_slab_of_index_1_absorbs_and_tints_by_the_closed_form(integrator, roughness):
@@ -132,6 +133,7 @@ def test_lights_shine_through_bodies_by_the_documented_rules():
         np.testing.assert_allclose(views[1] / views[0], expected, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_other_tracers_cubes_and_changes():
     scene = bodies(lights=[PointLight((2, 4, 3))])
     with pytest.raises(SceneError, match="the staged tracer follows mirrored rays alone, and this scene has glass"):

@@ -119,6 +119,7 @@ IDLE = {
 """Materials with numbers of a feature whose coefficient is 0; the last one's mesh has uv coordinates."""
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", IDLE)
 def test_a_feature_that_has_nothing_to_do_costs_nothing(name):
     texts = []
@@ -128,13 +129,14 @@ def test_a_feature_that_has_nothing_to_do_costs_nothing(name):
     assert texts[0] == texts[1]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("pair", PAIRS)
 def test_scenes_alike_in_their_features_have_one_text(pair):
     first, second, options = PAIRS[pair]
     assert text(first(), **options) == text(second(), bounces=5, **options)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "changes",
     [
@@ -204,11 +206,13 @@ def test_a_second_staged_tracer_compiles_nothing(backend, monkeypatch):
     assert set(kernel._executables) == compiled
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_second_intersector_compiles_nothing(backend, monkeypatch):
     query(backend, "bvh", ["intersect"], monkeypatch)
 
 
+@pytest.mark.slow
 def test_a_layered_cube_of_a_deformed_mesh_compiles_nothing(monkeypatch):
     query("numpy", "ldc:64:triangle", ["intersect", "occluded"], monkeypatch)
 

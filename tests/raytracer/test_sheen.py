@@ -80,7 +80,7 @@ def test_the_table_is_the_file():
     assert np.abs(compute_sheen_table().astype(np.float64) - steps).max() <= 1
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "look",
     [
@@ -122,6 +122,7 @@ def test_edges_shine():
     assert abs(middles[0] - middles[1]) < 0.2 * middles[1]
 
 
+@pytest.mark.slow
 def test_other_tracers_pictures_and_changes():
     scene = two_balls(VELVET, SATIN)
     whole = render(scene, (12, 8), backend="numpy", accel="grid")

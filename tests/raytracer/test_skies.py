@@ -52,6 +52,7 @@ def seen_directions(size, camera):
     return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("integrator", [Whitted(), Staged(), Path(samples=1)], ids=lambda i: type(i).__name__)
 def test_the_eye_sees_each_direction_of_a_program(integrator):
     camera = Camera((0, 0, 5), (0, 0, 0), fov=70)
@@ -64,6 +65,7 @@ def test_the_eye_sees_each_direction_of_a_program(integrator):
     assert image.stats.features["sky"]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("integrator", [Whitted(), Staged(), Path(samples=1)], ids=lambda i: type(i).__name__)
 def test_a_mirror_shows_the_mirrored_direction(integrator):
     camera = Camera((0, 0, 3), (0, 0, 0), fov=20)
@@ -129,6 +131,7 @@ def mirrors(**changes):
     return Scene(**(parts | {"background": Texture(PIXELS)} | changes))
 
 
+@pytest.mark.slow
 def test_backends_and_accelerators_agree_to_the_last_bit():
     expected = render(mirrors(), (16, 12), backend="numpy")
     assert len(np.unique(expected.pixels)) > 300

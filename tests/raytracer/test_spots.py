@@ -52,6 +52,7 @@ def expected_light(light, aside=0.0):
     return (level * cosine)[..., None] * light.color
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "light",
     [
@@ -83,7 +84,7 @@ def several():
     return Scene([sphere(0.5).moved((0, 0.5, 0)), floor(6)], lights, Camera((0, 2, 5), (0, 0.3, 0)))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Path(samples=2, bounces=2), Whitted(bounces=1)], ids=["Path", "Whitted"])
 def test_every_backend_has_the_same_bits(integrator):
     image = same_everywhere(several(), (24, 16), integrator=integrator)
@@ -161,7 +162,7 @@ def test_a_program_is_turned_and_a_colour_is_stronger():
     np.testing.assert_allclose(double, 2 * single, rtol=1e-6)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_a_turned_environment_has_the_same_bits_everywhere(backend):
     light = EnvironmentLight(Texture(PIXELS, srgb=False), rotation=33, strength=1.5)

@@ -38,6 +38,7 @@ def test_built_in_scenes(scene):
     same(render(scene, (16, 12), backend="numpy", bounces=1, tracer="staged", grid=20), unified)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "changes",
     [
@@ -54,7 +55,7 @@ def test_what_a_scene_lacks_changes_nothing(changes):
     same(render(scene, (20, 16), backend="numpy", bounces=1, tracer="staged", grid=7), unified)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     "options",
     [{"samples": 4}, {"precision": "f64"}, {"accel": "brute"}, {"bounces": 0}, {"math": "relaxed"}],
@@ -65,6 +66,7 @@ def test_options_mean_what_they_mean_to_the_unified_kernel(options):
     same(render(small(60), (18, 12), tracer="staged", **given), render(small(60), (18, 12), **given))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", pytest.param("opencl", marks=pytest.mark.slow)])
 def test_half_precision_means_what_it_means_to_the_unified_kernel(backend):
     given = {"bounces": 1, "backend": backend, "precision": "f16"}

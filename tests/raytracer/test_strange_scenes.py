@@ -54,6 +54,7 @@ def test_a_negative_scale_mirrors_a_mesh_as_a_matrix_does():
     np.testing.assert_allclose(moved.normals, mirrored.normals, atol=1e-12)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("length", [1e-200, 1e-310, 1e200])
 def test_the_length_of_a_directional_light_does_not_matter(length):
     picture, unit = (
@@ -76,6 +77,7 @@ def test_the_sharpest_highlight_is_no_brighter_than_its_height(shininess):
     assert np.isfinite(dim.pixels).all()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "made",
     [

@@ -86,6 +86,7 @@ def everything():
     return Scene(meshes, SPOTS, Camera((0, 3, 7), (0, 0.7, 0), fov=50))
 
 
+@pytest.mark.slow
 def test_backends_and_accelerators_agree_to_the_last_bit():
     scene = everything()
     size = 48, 32
@@ -222,7 +223,7 @@ def looked_up(image, uv, filter, wrap):
     return top * (1 - t) + bottom * t
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("wrap", ["repeat", "clamp", "mirror"])
 @pytest.mark.parametrize("filter", ["linear", "nearest"])

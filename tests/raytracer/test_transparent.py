@@ -56,7 +56,7 @@ def test_light_over_a_background_is_the_opaque_picture(integrator):
         np.testing.assert_array_equal(getattr(seen, name), getattr(opaque, name))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Whitted(samples=4), Path(samples=3, bounces=2)], ids=named)
 def test_every_backend_has_the_same_bits(integrator):
     images = [render(SCENE, SIZE, integrator=integrator, backend=b, transparent=True) for b in ("numpy", "opencl")]

@@ -105,7 +105,7 @@ def test_pictures_vertex_colours_and_alpha():
         np.testing.assert_allclose(traced.mean(axis=(0, 1)), expected, atol=0.03)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "others"), [(Whitted(bounces=2), "layered"), (Path(samples=1, bounces=2), "glass")]
 )
@@ -113,6 +113,7 @@ def test_every_backend_has_the_same_bits(integrator, others):
     same_everywhere(around(others), SIZE, ("numpy", "opencl"), integrator=integrator)
 
 
+@pytest.mark.slow
 def test_other_tracers_cubes_and_a_rasteriser_show_it():
     scene = around("Phong")
     whole = render(scene, SIZE, backend="numpy", accel="grid")

@@ -147,6 +147,7 @@ def test_a_path_traced_picture_is_refined_to_the_bits_of_render():
     assert refinement.layers["object_id"].tobytes() == expected.object_id.tobytes()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("projection", ["perspective", "orthographic", "panorama"])
 def test_a_surface_is_where_the_intersector_finds_it(projection):
     scene = rt.Scene.builtin("boxes")
@@ -337,6 +338,7 @@ def test_a_scene_may_get_more_meshes_and_other_materials_with_time(tmp_path):
     assert last(session)[1][8, 12].tolist() == [255, 0, 0, 255]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("wrong", [5000.0, -65.0, math.nan])
 def test_an_exposure_beyond_that_of_the_command_is_refused(session, wrong):
     shown = last(session)[1].tolist()

@@ -51,7 +51,7 @@ CASES = {
 }
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("words", CASES)
 def test_the_command_and_the_code_give_the_picture_of_the_page(files, monkeypatch, words):
     monkeypatch.chdir(files)

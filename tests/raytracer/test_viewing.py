@@ -27,6 +27,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SHAPES)
 def test_what_is_framed_spans_the_picture(name):
     image = render(Scene.framed(SHAPES[name]), (100, 100), backend="numpy", bounces=0)

@@ -27,6 +27,7 @@ print(sh.Stream(x[:1000], sh.Attrib1f, backend).sum())
 """
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_streams_that_exhaust_memory_are_an_error(backend):
     done = subprocess.run(

@@ -47,6 +47,7 @@ def hits(backend):
     return sh.Stream(data, Hit, backend=backend), n
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_field_is_a_stream_over_the_same_memory(backend):
     stream, n = hits(backend)

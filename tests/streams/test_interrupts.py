@@ -141,6 +141,7 @@ def test_the_next_call_is_right(backend, monkeypatch):
     assert wrong == []
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # an interrupt in a generator's end
 @pytest.mark.parametrize("name", NAMES)
 def test_the_next_call_is_right_after_an_interrupt_anywhere(name):

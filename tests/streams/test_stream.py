@@ -88,6 +88,7 @@ def test_a_run_over_streams_gives_the_same_as_one_over_arrays(name, count):
     assert np.array_equal(np.asarray(y), scale(x, 3.0))
 
 
+@pytest.mark.sampled(3)
 @every
 def test_structs_tuples_and_matrices(name):
     o, d = points(50), points(50, 1)
@@ -111,6 +112,7 @@ def test_fields_of_a_struct_may_be_streams_of_their_own(name):
     assert np.array_equal(step({"o": o, "d": d}).numpy().o, o.numpy() + d.numpy())
 
 
+@pytest.mark.sampled(2)
 @every
 @pytest.mark.parametrize(
     ("type_", "dtype"),
@@ -125,6 +127,7 @@ def test_ints_and_bools_stay_as_they_are(name, type_, dtype):
     assert np.array_equal(stream.copy().to("numpy").numpy(), x.astype(dtype))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "precision"), [("numpy", "f64"), ("opencl", "f64"), *((n, "f16") for n in NAMES)])
 def test_other_precisions(name, precision):
     x = points(100)
@@ -134,6 +137,7 @@ def test_other_precisions(name, precision):
     assert np.array_equal(y.numpy(), expected)
 
 
+@pytest.mark.sampled(3)
 @every
 def test_halves_lie_on_every_device(name):
     x = np.float16([0, -0.0, 1.5, 2.0**-24, 30000, np.inf, np.nan]).repeat(3).reshape(7, 3)
@@ -144,6 +148,7 @@ def test_halves_lie_on_every_device(name):
     assert not sh.Stream.empty(4, sh.Attrib1h, name).numpy().any()
 
 
+@pytest.mark.sampled(3)
 @every
 def test_discarded_elements_keep_what_out_held(name):
     x = points(300)[:, 0]
@@ -176,6 +181,7 @@ def test_the_place_in_the_grid_is_that_of_the_stream(name):
     assert np.array_equal(out, np.stack(np.indices((37, 130)), axis=-1))
 
 
+@pytest.mark.sampled(3)
 @every
 def test_a_table_reads_a_stream_where_it_is(name):
     x, i = points(), np.arange(-3, 1005)
@@ -188,6 +194,7 @@ def test_a_table_reads_a_stream_where_it_is(name):
     assert np.array_equal(at(i, table).numpy(), 10 * x[np.clip(i, 0, 999)])
 
 
+@pytest.mark.sampled(3)
 @every
 def test_a_table_of_structs_and_a_texture_over_streams(name):
     rays = sh.Table(sh.Stream({"o": points(20), "d": points(20, 1)}, Ray, name))
@@ -363,6 +370,7 @@ def test_errors_name_the_cure():
         sh.Table(sh.Stream.empty(0, sh.Attrib1f))
 
 
+@pytest.mark.sampled(3)
 @every
 def test_dropped_streams_give_their_memory_back(name):
     space = backend(name).space(None)

@@ -55,6 +55,7 @@ def ran(kernels, name, number, turn):
     return [np.asarray(f) for f in found] + [np.float32(smooth_line.sum()), np.int32(result.count)]
 
 
+@pytest.mark.sampled(3)
 @every
 def test_eight_threads_run_the_same_kernels_over_streams_of_their_own(name, impatient):
     kernels, alone = kernels_of(name), kernels_of("numpy")

@@ -33,6 +33,7 @@ def place() -> sh.Attrib1i:
     return 100 * i.x + i.y
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_what_is_written_to_one_is_in_the_other(backend):
     x = np.arange(5000, dtype=np.float32)
@@ -64,6 +65,7 @@ def test_a_view_outlives_its_stream(backend):
     assert sum(int(other.sum()) for other in others) == 3 * 54
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_kernels_see_the_shape_of_the_view(backend):
     x = sh.Stream.empty(6, sh.Attrib1i, backend)

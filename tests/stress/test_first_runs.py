@@ -68,7 +68,7 @@ print(json.dumps(wrong))
 """
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["0::2", pytest.param("1::2", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_first_runs_of_kernels_and_chains(backend, part):

@@ -19,7 +19,7 @@ def picture(way, backend):
     return render(Scene.builtin(options.pop("scene")), size=SIZE, backend=backend, **options)
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("way", WAYS)
 def test_pictures_have_the_same_bits(way, backend):

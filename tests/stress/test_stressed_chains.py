@@ -127,7 +127,7 @@ def test_chains_agree(shard):
         check(number)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_chains_agree_at_other_precisions(precision):
     for number in range(100, 105):
@@ -141,6 +141,7 @@ def test_many_chains_agree_at_other_precisions(precision):
         check(number, precision)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_runs_read_tables_as_they_were(backend):
     """The chain does not wait for runs of `look`, and the mode changes its table before they begin."""

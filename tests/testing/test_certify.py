@@ -257,7 +257,7 @@ def test_the_hash_of_a_sweep_is_that_of_numpy(name: str) -> None:
     assert digest(finding) == golden()["functions"][name], "run scripts/golden"
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("name", functions.PORTABLE)
 def test_the_bits_of_portable_mode_do_not_change(name: str, backend: str) -> None:

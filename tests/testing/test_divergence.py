@@ -48,6 +48,7 @@ def test_agreement_is_none():
     assert sh.testing.first_divergence(turning, X, 6) is None
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("faulty", ["numpy", "opencl", "glsl"])
 def test_the_statement_is_named_with_line_values_and_iteration(monkeypatch, faulty):
     with_fault(monkeypatch, faulty, op("floor", "ceil"))

@@ -44,6 +44,7 @@ def test_wider_packets_take_part_where_they_are_named():
     assert found.backends == ("numpy", "opencl-64")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("faulty", ["numpy", "opencl", "glsl"])
 def test_a_failure_names_element_inputs_values_distance_and_statement(monkeypatch, faulty):
     with_fault(monkeypatch, faulty, op("floor", "ceil"))
@@ -302,7 +303,7 @@ def test_anything_but_a_program_is_refused(given):
             compare(given, X, [1, 2])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("derives", [False, True])
 def test_generated_programs_are_recorded_and_agree(derives):
     seen = []

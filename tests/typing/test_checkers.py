@@ -49,6 +49,7 @@ def test_a_script_of_every_feature_is_accepted(checker: str) -> None:
     assert set(errors) == {"accepted.py", "mistakes.py", "meetings.py"}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("checker", COMMANDS)
 def test_every_mistake_is_found_and_nothing_else(checker: str) -> None:
     lines = (HERE / "mistakes.py").read_text().splitlines()

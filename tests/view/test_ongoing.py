@@ -80,7 +80,7 @@ ORDERS = list(itertools.permutations([("show", False), ("show", True), ("chain",
 CASES = [(name, target, k) for name in CHAINS for target in ("opencl", "glsl") for k in range(len(ORDERS))]
 
 
-@pytest.mark.sampled(177)
+@pytest.mark.sampled(354)
 @pytest.mark.parametrize(("name", "target", "order"), CASES)
 def test_a_chain_and_what_shows_it_may_become_ready_in_any_order(opened, name, target, order):
     found, wanted = opened(name), Form(target, "strict")
@@ -102,7 +102,7 @@ def test_a_chain_and_what_shows_it_may_become_ready_in_any_order(opened, name, t
     assert drawn >= 2
 
 
-@pytest.mark.sampled(15)
+@pytest.mark.sampled(45)
 @pytest.mark.parametrize(("name", "order"), [(n, k) for n in CHAINS for k in range(6)])
 def test_a_page_may_choose_other_backends_and_modes_while_a_chain_runs(opened, name, order):
     found = opened(name)
@@ -209,6 +209,7 @@ def show(STREAM: sh.Attrib1f) -> sh.Attrib1f:
 """
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("stream", ["u", "v", "w"])
 def test_the_trace_in_a_loop_is_of_the_last_round_that_wrote_the_pixel(tmp_path, monkeypatch, stream):
     path = tmp_path / "loops.py"

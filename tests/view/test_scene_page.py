@@ -85,6 +85,7 @@ def distance(one):
     return float(np.linalg.norm(np.subtract(one.position, one.target)))
 
 
+@pytest.mark.slow
 def test_a_drag_turns_the_camera_about_its_target(page):
     before = camera(page)
     drag(page)

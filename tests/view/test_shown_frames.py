@@ -173,6 +173,7 @@ def drawn_again(session, tmp_path, monkeypatch, header):
     return np.asarray(pillow.open("again.png")), eval(texts["code"], {"sh": sh}), texts["note"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("program", [None, "other"])
 @pytest.mark.parametrize("backend", ["numpy", "opencl"])
 def test_the_command_and_the_code_give_the_picture(tmp_path, monkeypatch, program, backend):

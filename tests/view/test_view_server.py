@@ -121,6 +121,7 @@ def test_a_page_of_another_origin_is_refused(view, origin):
     assert refused.value.response.status_code == 403
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "message",
     [
