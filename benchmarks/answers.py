@@ -118,7 +118,8 @@ Contenders take turns, round after round, {processes}. Unless a table says other
 the rounds of a contender's time as a multiple of ours in the same round, so **2.0 takes twice as long as ours**. Time
 begins with arrays in the host's memory and ends with an array there. Contenders compute in binary32 on all cores, but
 numpy and Warp use one core. shpy runs in strict mode unless a row names another, so its bits are the same on
-all backends; Warp rounds as written, too. numba, Taichi, Dr.Jit and JAX may fuse and reorder arithmetic."""
+all backends; Warp rounds as written, too. numba, Taichi, Dr.Jit and JAX may fuse and reorder arithmetic. A plain call
+is timed when three seconds of calls have passed, in which its backend settles."""
 
 
 STRICT: Final = """\

@@ -5,6 +5,7 @@ import pytest
 
 import shpy as sh
 from shpy.backend.numpy.tables import places_of
+from shpy.run import tiers
 
 X = np.linspace(-4, 4, 70_000, dtype=np.float32)
 
@@ -49,3 +50,40 @@ def test_tiles_that_grow_cover_each_element_once(shape, grid, first):
     assert all(0 < p.stop - p.start <= 65_536 for p in places)
     assert all(p.start % shape[1] == p.stop % shape[1] == 0 for p in places if p.block)
     assert all(p.block == places[0].block for p in places)
+
+
+@pytest.mark.parametrize("live", [7000, 300])
+def test_opencl_goes_on_in_the_middle_of_a_list(monkeypatch, live):
+    """A program that discards most elements at its start runs the others from a list, which has tiles of its own."""
+    for name, value in {
+        "_COLD": (0.0, 0.0),
+        "_CACHED": (0.0, 0.0),
+        "_START": 0.0,
+        "_COMPILER": 0.0,
+        "_LOOK": 0.0,
+    }.items():
+        monkeypatch.setattr(tiers, name, value)
+
+    @sh.program
+    def rare(x: sh.Attrib1f, k: sh.Attrib1i):
+        with sh.SH_IF(k >= live):
+            sh.SH_DISCARD()
+        return sh.sin(x) * 2
+
+    k, ended = np.arange(len(X), dtype=np.int32)[::-1].copy(), []
+    kernel = rare.compile("auto")
+    quick = type(kernel._executable._quick)
+    run_until = quick.run_until
+
+    def watched(self, *arguments):
+        result = run_until(self, *arguments)
+        ended.append(result[0])
+        return result
+
+    monkeypatch.setattr(quick, "run_until", watched)
+    out, expected = np.full(len(X), -5, np.float32), np.full(len(X), -5, np.float32)
+    kernel.run(X, k, out=out)
+    assert (ended[0], kernel.runs_on) == (False, "opencl")
+    rare.compile("numpy").run(X, k, out=expected)
+    assert out.tobytes() == expected.tobytes()
+    assert np.count_nonzero(out != -5) == live
