@@ -6,7 +6,6 @@ import signal
 import sys
 import tempfile
 import zlib
-from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,32 +58,48 @@ def pytest_addoption(parser):
     parser.addoption("--update-snapshots", action="store_true", help="write the golden texts anew (never in CI)")
 
 
-@pytest.hookimpl(tryfirst=True)  # before `-m` chooses
-def pytest_collection_modifyitems(items):
-    """Mark most cases of sampled tests as slow. The longest files run first: no worker is left alone with one.
+@pytest.hookimpl(wrapper=True)
+def pytest_generate_tests(metafunc):
+    """Mark most cases of sampled tests as slow, and make none that `-m "not slow"` would leave out.
 
     Of n cases one after the other, the one runs by default that has the most values of parameters that no case before
     it has; a checksum of the names decides between equals, so that each backend is that of some tests.
+
+    More than half of all cases are slow, and each process of a run took 3.5 of 12 seconds of CPU to make and drop them.
     """
-    sampled = defaultdict(list)
-    for item in items:
-        if item.get_closest_marker("sampled") is not None and item.get_closest_marker("slow") is None:
-            sampled[item.nodeid.partition("[")[0]].append(item)
-    for cases in sampled.values():
-        count, met = cases[0].get_closest_marker("sampled").args[0], set()
-        for start in range(0, len(cases), count):
-            group = cases[start : start + count]
-            chosen = max(group, key=lambda item: (len(_values(item) - met), zlib.crc32(item.nodeid.encode())))
-            met |= _values(chosen)
-            for item in group:
-                if item is not chosen:
-                    item.add_marker(pytest.mark.slow)
+    result = yield
+    cases, test = metafunc._calls, metafunc.definition
+    sample, slow = test.get_closest_marker("sampled"), test.get_closest_marker("slow")
+    if sample is not None and slow is None:
+        chosen = _sample([case for case in cases if not _is_slow(case)], sample.args[0], test.nodeid)
+        for case in cases:
+            if id(case) not in chosen and not _is_slow(case):
+                case.marks.append(pytest.mark.slow.mark)
+    if metafunc.config.option.markexpr == "not slow" and not any("::" in name for name in metafunc.config.args):
+        cases[1:] = [case for case in cases[1:] if slow is None and not _is_slow(case)]  # of none pytest makes one
+    return result
+
+
+def _is_slow(case):
+    return any(mark.name == "slow" for mark in case.marks)
+
+
+def _sample(cases, count, test):
+    """Return the ids of one of each `count` cases of a test."""
+    chosen, met = set(), set()
+    for start in range(0, len(cases), count):
+        group = {id(case): case for case in cases[start : start + count]}
+        values = {key: {(name, id(value)) for name, value in case.params.items()} for key, case in group.items()}
+        names = {key: f"{test}[{case.id}]" for key, case in group.items()}
+        best = max(group, key=lambda key: (len(values[key] - met), zlib.crc32(names[key].encode())))
+        chosen.add(best)
+        met |= values[best]
+    return chosen
+
+
+def pytest_collection_modifyitems(items):
+    """Run the longest files first: no worker is left alone with one."""
     items.sort(key=lambda item: item.path.stem not in LONGEST)
-
-
-def _values(item):
-    """Return the parameters of a case, each with the place of its value."""
-    return set(item.callspec.indices.items()) if hasattr(item, "callspec") else set()
 
 
 class Snapshots:
