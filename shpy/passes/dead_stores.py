@@ -86,10 +86,13 @@ class _Liveness:
         """
         kept: list[Stmt] = []
         for s in reversed(region):
+            if isinstance(s, Let):  # nearly always, and faster than a pattern
+                if s.op == "load" and isinstance(s.attr, int):
+                    live |= self._whole[s.attr]
+                kept.append(s)
+                continue
             new: Stmt | None = s
             match s:
-                case Let(_, "load", _, int(variable)):
-                    live |= self._whole[variable]
                 case Store():
                     dead, live = self._store(s, live)
                     new = None if dead and removing else s

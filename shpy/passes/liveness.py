@@ -105,9 +105,11 @@ def annotate(function: Function) -> list[Note]:
 
 def _before(statement: Stmt, after: Bits, targets: _Targets) -> Bits:
     """Return the variables that are live before the statement."""
+    if isinstance(statement, Let):  # nearly always, and faster than a pattern
+        if statement.op == "load" and isinstance(statement.attr, int):
+            return after | 1 << statement.attr
+        return after
     match statement:
-        case Let(_, "load", _, int(variable)):
-            return after | 1 << variable
         case Store(variable, _, None, None):
             return after & ~(1 << variable)
         case If(_, then, orelse):
@@ -150,6 +152,8 @@ def _notes(region: Region, after: Bits, targets: _Targets) -> list[Note]:
 
 
 def _note(statement: Stmt, after: Bits, targets: _Targets) -> Note:
+    if isinstance(statement, Let):
+        return Note((_before(statement, after, targets), after))
     match statement:
         case If(_, then, orelse):
             sides = _notes(then, after, targets), _notes(orelse, after, targets)
@@ -209,6 +213,8 @@ def _dirty(region: Region, notes: list[Note] | None, dirty: Bits, leaving: _Leav
         note = None if notes is None else notes[at]
         if note is not None:
             note.dirt = dirty
+        if isinstance(statement, Let):
+            continue
         match statement:
             case Store(variable):
                 dirty |= 1 << variable

@@ -88,7 +88,8 @@ class Rebase(Rewriter):
 
     def slot(self, variable: Variable) -> Variable:
         """Return the variable with its new type."""
-        return replace(variable, type=rebased(variable.type, self.old, self.new))
+        new = rebased(variable.type, self.old, self.new)
+        return variable if new is variable.type else replace(variable, type=new)
 
     def call(self, call: Call) -> None:
         """Rewrite a Call, so that its results have the new base."""

@@ -52,8 +52,9 @@ class Rewriter:
     def emit(self, statement: Stmt) -> None:
         """Append a statement to the open region."""
         if isinstance(statement, Let):
-            self.lets[statement.value.id] = statement
-            self.types[statement.value.id] = statement.value.type
+            value = statement.value
+            self.lets[value.id] = statement
+            self.types[value.id] = value.type
         elif isinstance(statement, Call):
             self.types.update({r.id: r.type for r in statement.results})
         self._open[-1].append(statement)
@@ -99,8 +100,9 @@ class Rewriter:
         if isinstance(statement, Let):  # nearly always, and faster than a pattern
             self.loc = statement.value.loc
             args = statement.args
-            new = tuple([use(a, a) for a in args])
-            self.let(statement if new == args else Let(statement.value, statement.op, new, statement.attr))
+            if not self.alias.keys().isdisjoint(args):
+                statement = Let(statement.value, statement.op, tuple([use(a, a) for a in args]), statement.attr)
+            self.let(statement)
             return
         match statement:
             case Store(variable, stored, components, index, loc):

@@ -207,25 +207,24 @@ class _Vectorizer(CallBuilder):
         return False
 
     def renamed(self, s: Store) -> Store:
-        index = None if s.index is None else self.same.get(s.index, s.index)
-        return replace(s, value=self.same.get(s.value, s.value), index=index)
+        index, value = None if s.index is None else self.same.get(s.index, s.index), self.same.get(s.value, s.value)
+        return s if (value, index) == (s.value, s.index) else replace(s, value=value, index=index)
 
     def operation(self, s: Let, here: Here) -> None:
         args = tuple(self.same.get(a, a) for a in s.args)
         varying = varies(s.op, (a in self.varying for a in args))
         self.same.pop(s.value.id, None)  # an entry from an earlier attempt, in which the argument was still uniform
-        match s:
-            case Let(value, op) if op in LANE_OPS and args[0] not in self.varying:
-                self.same[value.id] = args[0]
+        if s.op in LANE_OPS:
+            if args[0] not in self.varying:
+                self.same[s.value.id] = args[0]
                 return
-            case Let(value, op) if op in LANE_OPS:
-                s = self.over_lanes(value, op, args[0], here.mask)
-            case Let(_, "load", _, int(variable)):
-                slot = self.array(variable) if variable in self.arrays else self.current(variable)
-                varying = varying or slot.id in self.slots.varying
-                s = replace(s, args=args, attr=slot.id)
-            case Let(value, op, old, attr) if args != old:
-                s = Let(value, op, args, attr)
+            s = self.over_lanes(s.value, s.op, args[0], here.mask)
+        elif s.op == "load" and isinstance(s.attr, int):
+            slot = self.array(s.attr) if s.attr in self.arrays else self.current(s.attr)
+            varying = varying or slot.id in self.slots.varying
+            s = Let(s.value, "load", args, slot.id)
+        elif args != s.args:
+            s = Let(s.value, s.op, args, s.attr)
         self.b.append(s)
         if varying:
             self.varying.add(s.value.id)
@@ -248,7 +247,7 @@ class _Vectorizer(CallBuilder):
         if kept:
             assert here.mask is not None
             value = self.select(here.mask, value, self.part(self.load(slot), s.components))
-        self.b.append(replace(s, variable=slot.id, value=value))
+        self.b.append(Store(slot.id, value, s.components, s.index, s.loc))
 
     def part(self, value: int, components: tuple[int, ...] | None) -> int:
         if components is None:

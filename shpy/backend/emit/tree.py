@@ -51,6 +51,8 @@ class Expr:
     @property
     def parts(self) -> tuple[Expr, ...]:
         """The expressions directly inside: all fields that hold some."""
+        if isinstance(self, _APPLIED):
+            return self.args
         parts: list[Expr] = []
         for name in self.__match_args__:
             content = getattr(self, name)
@@ -110,6 +112,10 @@ class Construct(Expr):
     def splat(self) -> Expr | None:
         """The only argument, unless that is a vector of the same size."""
         return self.args[0] if len(self.args) == 1 else None
+
+
+_APPLIED = (Operator, Call, Construct)
+"""The expressions all of whose parts are arguments."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -150,7 +150,8 @@ class _Widener(Rewriter):
         return replace(function, inputs=inputs, outputs=outputs, variables=variables)
 
     def typed(self, value: Value) -> Value:
-        return replace(value, type=self.wide(value.type)) if value.id in self.facts.varying else value
+        varies = value.id in self.facts.varying
+        return Value(value.id, self.wide(value.type), value.name, value.loc) if varies else value
 
     def wide(self, type: Type) -> Type:
         return rows_of(type.base, type.size, self.lanes)
@@ -171,7 +172,8 @@ class _Widener(Rewriter):
 
     def store(self, store: Store) -> None:
         varies = store.variable in self.facts.slots
-        self.emit(replace(store, value=self.spread(store.value)) if varies else store)
+        value = self.spread(store.value) if varies else store.value
+        self.emit(store if value == store.value else replace(store, value=value))
 
     def call(self, call: Call) -> None:
         args = tuple(map(self.spread, call.args)) if call.function in self.alone else call.args
