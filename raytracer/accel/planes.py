@@ -126,7 +126,7 @@ AT_ONCE = 1 << 13
 
 
 def parts(count: int) -> Iterator[slice]:
-    """Yield slices of so many triangles, each of as many as a processor's cache holds with all that follows of them."""
+    """Yield slices that cover `count` triangles, AT_ONCE in each but the last."""
     for start in range(0, count, AT_ONCE):
         yield slice(start, start + AT_ONCE)
 

@@ -210,7 +210,7 @@ class _Reader:
         self.faces.append(_Faces(np.minimum(numbers, _FARTHEST).astype(np.int32), sizes, self.line + lines, legible))
 
     def _read_statement(self, line: bytes, faces: int) -> None:
-        """Read a statement of names or states, which stands after so many faces."""
+        """Read a statement of names or states, which stands after the first `faces` faces."""
         key = line.split(None, 1)[0]
         argument = name_of(line[len(key) :].strip())
         if key == b"mtllib":

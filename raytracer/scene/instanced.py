@@ -151,7 +151,7 @@ class Parts:
 
 
 def shares_many(scene: Scene) -> bool:
-    """Return whether two levels would save so many triangles that a scene is laid out in them."""
+    """Return whether the instances have at least MANY triangles, and at least twice those that two levels store."""
     placed = [mesh for mesh in scene.meshes if isinstance(mesh, PlacedMesh)]
     if sum(map(len, placed)) < MANY:
         return False

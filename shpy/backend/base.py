@@ -112,7 +112,7 @@ class Memory(Protocol):
 
 
 def too_large(count: int, type: Type, dtype: np.dtype[Any]) -> ShpyError:
-    """Return the error for memory of so many elements that a device does not have."""
+    """Return the error for `count` elements, which take more memory than a device has."""
     size = count * type.size * dtype.itemsize
     return ShpyError(f"{count:,} elements need {size:,} bytes, which is more than there are", cure="fewer elements")
 

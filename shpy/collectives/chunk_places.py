@@ -31,7 +31,7 @@ from shpy.streams.elements import Shape, given_shape, shape_before_data
 from shpy.streams.stream import Stream
 
 _BLOCKS, _LARGE = 64, 1 << 20
-"""A result has at most so many blocks, unless they are as large as the chunks of the values, or as this one."""
+"""A result has at most _BLOCKS blocks, unless they are as large as the chunks of the values, or as _LARGE."""
 Piece = tuple[NDArray[np.int64], NDArray[Any]]
 """Values and their target places in a block of the result: (places, values)."""
 

@@ -15,7 +15,7 @@ from shpy.run import kernel as kernels
 
 
 def run_distinct(backend, first, count):
-    """Compile and run so many programs that differ in a constant."""
+    """Compile and run `count` programs that differ in a constant."""
     for k in range(first, first + count):
 
         @sh.program

@@ -31,7 +31,7 @@ def long(x: sh.Attrib1f) -> sh.Attrib1f:
 
 
 def carrying(count: int) -> sh.Program:
-    """A loop that carries so many numbers beside its counter."""
+    """A loop that carries `count` numbers beside its counter."""
 
     @sh.program
     def looping(x: sh.Attrib1f) -> sh.Attrib1f:
@@ -51,7 +51,7 @@ def smooth(image: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
 
 
 def gathering(count: int) -> sh.Program:
-    """Read so many numbers at places of each element's own."""
+    """Read `count` numbers at places of each element's own."""
 
     @sh.program
     def reading(numbers: sh.Table[sh.Attrib1f], i: sh.Attrib1i) -> sh.Attrib1f:

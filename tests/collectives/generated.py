@@ -47,7 +47,7 @@ def floats(rng, n):
 
 
 def generated(count, seed, sizes=SMALL):
-    """Yield so many sizes, each with the random numbers that make its input."""
+    """Yield `count` sizes, each with the random numbers that make its input."""
     for k in range(count):
         yield sizes[k % len(sizes)], np.random.default_rng([k, seed])
 

@@ -93,7 +93,7 @@ def held_below(bvh, node):
 
 
 def least_surface(bvh, node, boxes):
-    """By trying every way: the least surface of the wide nodes for what a node holds, in so many boxes."""
+    """By trying every way: the least surface of the wide nodes for what a node holds, in at most `boxes` boxes."""
     if held_below(bvh, node) <= BLOCK:
         return 0.0
     left, right = children_of(bvh, node)

@@ -40,7 +40,7 @@ def _raise(number: int, frame: Any) -> None:
 
 @contextmanager
 def at_line(after: int) -> Iterator[None]:
-    """Raise Interrupted in this thread once so many lines of the runtimes were executed, or returns of their locks."""
+    """Raise Interrupted in this thread once `after` lines of the runtimes were executed, or returns of their locks."""
     left = after
 
     def follow(frame: Any, event: str, _: Any) -> Any:

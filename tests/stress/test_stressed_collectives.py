@@ -26,7 +26,7 @@ BY_ELEMENTS = {
     "unique": test_choosing.check_unique,
     "top_k": test_choosing.check_top_k,
 }
-"""Checks of so many inputs, whose sizes are among those that they are given."""
+"""Checks of `count` inputs, whose sizes are some of `sizes`."""
 BY_SIZES = {"reduce": test_reduce.check, "scan": test_scan.check}
 """Checks of one input for each size."""
 

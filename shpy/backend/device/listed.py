@@ -37,7 +37,7 @@ _SIMILAR: Final = 2
 
 
 def is_worth_a_list(count: int) -> bool:
-    """Return whether a run over so many elements takes long enough to look for those that need not run."""
+    """Return whether a run over `count` elements takes long enough to look for those that need not run."""
     return count >= _WORTH_A_LIST
 
 

@@ -75,7 +75,7 @@ def hard_inputs() -> tuple[Array, Array, Array]:
 
 
 def _scattered(stream: int, bits: int) -> Array:
-    """Return 4,096 ints of so many bits by PCG's output function: numpy's generators take long to import."""
+    """Return 4,096 ints of `bits` bits by PCG's output function: numpy's generators take long to import."""
     state = (np.arange(1 + 4096 * stream, 4097 + 4096 * stream, dtype=np.uint64) * 747796405 + 2891336453) & 0xFFFFFFFF
     word = (((state >> ((state >> 28) + 4)) ^ state) * 277803737) & 0xFFFFFFFF
     return ((word >> 22) ^ word).astype(np.int64) & ((1 << bits) - 1)

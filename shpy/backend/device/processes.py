@@ -88,7 +88,7 @@ class Answer(Generic[T]):
         self._end()
 
     def wait(self, seconds: float = math.inf) -> bool:
-        """Wait for the answer, at most so many seconds; return whether it is there. Ctrl-C ends the wait."""
+        """Wait for the answer, at most `seconds`; return whether it is there. Ctrl-C ends the wait."""
         while not self.ended and seconds > 0:
             if self._lock.acquire(timeout=min(seconds, HEARD)):
                 self._lock.release()  # lets other threads that wait continue

@@ -42,7 +42,7 @@ def no_denormals(*arrays: Array) -> tuple[Array, ...]:
 
 
 def sweep(mantissas: int = MANTISSAS) -> Array:
-    """Return float32 numbers of every exponent and sign with so many mantissas each, infinities, NaN, no denormals."""
+    """Return float32 numbers of every exponent and sign, `mantissas` of each, infinities, NaN, no denormals."""
     low = scattered(512 * mantissas, 1) & np.uint32(0x7FFFFF)
     low[::mantissas] = 0  # the powers of two, the zeros and the infinities
     low[1::mantissas] = 0x7FFFFF  # and the numbers just below them

@@ -109,7 +109,7 @@ class NumpyBackend:
 
 
 def _tile_of(module: Module, most: int) -> int:
-    """Return the lanes of a tile: at most so many, and no more than the memory for local arrays has room for."""
+    """Return the lanes of a tile: `most`, or as many as the memory for local arrays has room for."""
     each = private_memory(module).size
     return most if each == 0 else min(most, max(_FEWEST, _MOST_PRIVATE // each))
 

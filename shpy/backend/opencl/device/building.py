@@ -64,7 +64,7 @@ take as long at 64 as at 32 (1.00 and 0.98).
 """
 _LARGE: Final = 400
 _GATHERED: Final = 16
-"""A program without a loop that reads at least so many numbers from Tables at places of its own gathers.
+"""The least reads from Tables, at places of its own, for which a program without a loop gathers.
 
 Each lane reads by itself, so wider packets save little. At 16, 32 and 64 lanes, along an axis of 1,024 x 1,024 on a
 busy machine, `any` takes 0.6, 1.1 and 2.5 s of CPU to compile, and then 5.9, 5.5 and 5.3 ms a call; sums take 3.7, 2.9

@@ -362,7 +362,7 @@ typedef struct {{
         )
 
     def _store(self, element: str, count: int, numbers: str, array: str, at: int = 0) -> str:
-        """Return the statement that stores so many numbers into an array of the device, from number `at` on."""
+        """Return the statement that stores `count` numbers into an array of the device, from number `at` on."""
         if self.shuffle:
             return f"*(__global {element}{count}_packed *)({array}{f' + {at}' if at else ''}) = {numbers};"
         return f"vstore{count}({numbers}, {at // count}, {array});"
