@@ -35,6 +35,10 @@ MITSUBA: Final = "Mitsuba 3 (llvm_ad_rgb)"
 Rows = list[list[str]]
 
 
+class NotMeasured(LookupError):
+    """Raised where no run has a table."""
+
+
 @dataclass(frozen=True)
 class Results:
     """Runs by the name of their file; each holds tables by name. `machines` are runs on other machines."""
@@ -50,10 +54,10 @@ class Results:
         )
 
     def stem(self, name: str) -> str:
-        """Return the newest run with a table; KeyError if no run has it."""
+        """Return the newest run with a table; NotMeasured if no run has it."""
         stems = [stem for stem, run in self.runs.items() if name in run["tables"]]
         if not stems:
-            raise KeyError(f"no run has the table {name}: python -m benchmarks --only {name} --write")
+            raise NotMeasured(f"no run has the table {name}: `python -m benchmarks --only {name} --write`")
         return max(stems, key=lambda stem: str(self.runs[stem]["date"]))
 
     def table(self, name: str, run: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -62,16 +66,17 @@ class Results:
         return table
 
     def cell(self, name: str, row: str, column: str, run: dict[str, Any] | None = None) -> str:
-        """Return a cell by the first cell of its row and the head of its column; "" where there is no such row."""
+        """Return a cell by the first cell of its row and the head of its column; "" where there is no such cell."""
         table = self.table(name, run)
-        place = table["head"].index(column)
-        return next((cells[place] for cells in table["rows"] if cells[0] == row), "")
+        cells = next((cells for cells in table["rows"] if cells[0] == row), ())
+        return dict(zip(table["head"], cells, strict=False)).get(column, "")
 
     def part(self, name: str, *columns: str, but: str | None = None) -> Rows:
         """Return columns of a table without its head, or all; rows whose first cell ends with `but` are left out."""
         table = self.table(name)
-        places = [table["head"].index(column) for column in columns] or range(len(table["head"]))
-        return [[cells[k] for k in places] for cells in table["rows"] if but is None or not cells[0].endswith(but)]
+        rows = [row for row in table["rows"] if but is None or not row[0].endswith(but)]
+        by_head = [dict(zip(table["head"], row, strict=True)) for row in rows]
+        return [[row.get(column, "") for column in columns] for row in by_head] if columns else rows
 
     def times(self, works: Sequence[str], mean: bool = True, run: dict[str, Any] | None = None) -> Rows:
         """Return the milliseconds of ours for works, how many times as long others take, and the geometric means."""
@@ -130,12 +135,17 @@ root is within a unit in the last place."""
 
 
 def page(results: Results) -> str:
-    """Return the page."""
+    """Return the page; sections whose tables are not all measured are named at its end."""
     apart = all(run.get("apart") for run in results.runs.values())
     preface = PREFACE.format(processes="peers in processes of their own" if apart else "in one process")
     parts: list[str | Rows] = ["# Benchmarks", *preface.split("\n\n"), *sources(results)]
+    lacking = []
     for write in (kernels, rays, paths, features, chains, calls, starts):
-        parts += write(results)
+        try:
+            parts += write(results)
+        except NotMeasured as error:
+            lacking.append(f"- {write.__name__} are not on this page: {error.args[0]}")
+    parts += ["\n".join(lacking)] if lacking else []
     return "\n\n".join(written(part) for part in parts) + "\n"
 
 
@@ -202,7 +212,7 @@ def features(results: Results) -> list[str | Rows]:
     """Return what features of the ray tracer cost; those that cost little are named in one sentence."""
     head = ["", "rays a pixel", "numpy", "opencl", "glsl"]
     plain, *rows = results.part("features", "feature", *head[1:])
-    cheap = [row[0] for row in rows if max(map(float, row[2:])) < 1.2]
+    cheap = [row[0] for row in rows if max(float(cell) for cell in row[2:] if cell) < 1.2]
     return [
         *section("What does a feature of the ray tracer cost?", results, "features"),
         "CPU time in multiples of the plain picture's, which has two matt materials and one light. Less than 1.2 on "

@@ -10,9 +10,8 @@ import numpy as np
 
 import shpy as sh
 from benchmarks.rounds import in_turns
-from benchmarks.tables import Table
+from benchmarks.tables import Setup, Table
 from benchmarks.work import Run
-from raytracer import Mesh
 
 COUNT = 64
 ROUNDS = 14
@@ -26,20 +25,17 @@ def increment(x: sh.Attrib1f) -> sh.Attrib1f:
     return x + 1
 
 
-def calls(mesh: Mesh, quick: bool) -> Table:
+def calls(setup: Setup) -> Table:
     """Microseconds of a call: the median of the rounds' means, their quartiles, and the best mean."""
     x = np.arange(COUNT, dtype=np.float32)
     runs: dict[str, tuple[Run, int]] = {"shpy, plain call": (lambda: increment(x), 1)}
     for info in sh.backends():
         if info.available:
             runs |= _ours(info.name, x)
-    for name, make in PEERS.items():
-        try:
-            runs[name] = make(x), 1
-        except ImportError:
-            continue
-    rounds = 2 if quick else ROUNDS
-    calls = {name: 5 if quick else max(CALLS // parts, 10) for name, (_, parts) in runs.items()}
+    for label, make in (PEERS[name] for name in setup.started(*PEERS)):
+        runs[label] = make(x), 1
+    rounds = 2 if setup.quick else ROUNDS
+    calls = {name: 5 if setup.quick else max(CALLS // parts, 10) for name, (_, parts) in runs.items()}
     warm = {name: run for name, (run, _) in runs.items()}
     in_turns(warm, 1, calls)  # compiles and settles
     seconds = {name: np.divide(t.seconds, runs[name][1]) for name, t in in_turns(warm, rounds, calls).items()}
@@ -88,9 +84,12 @@ def _numba(x: np.ndarray) -> Run:
 def _jax(x: np.ndarray) -> Run:
     import jax
 
-    jax.config.update("jax_platforms", "cpu")
     function = jax.jit(lambda a: a + np.float32(1))
     return lambda: np.asarray(function(x))
 
 
-PEERS: dict[str, Callable[..., Run]] = {"numpy": lambda x: lambda: x + np.float32(1), "numba": _numba, "JAX": _jax}
+PEERS: dict[str, tuple[str, Callable[..., Run]]] = {
+    "masks": ("numpy", lambda x: lambda: x + np.float32(1)),
+    "numba": ("numba", _numba),
+    "jax": ("JAX", _jax),
+}

@@ -11,7 +11,8 @@
     python -m benchmarks page                             # docs/benchmarks.md, from benchmarks/results
 
 The exit status is 1 if an answer is wrong, or a contender, a work or a study fails; the rest goes on. `--json` and
-`--write` write what there is after each table, to FILE.unfinished until the run ends.
+`--write` write what there is after each table, to FILE.unfinished until the run ends. After Ctrl-C that file stays:
+without the ending `.unfinished` it is a file of results as every other.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from __future__ import annotations
 import argparse
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
@@ -47,7 +48,7 @@ from benchmarks import (
 )
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
-from benchmarks.tables import Table
+from benchmarks.tables import Setup, Table
 from benchmarks.work import TARGETS, Work
 from raytracer import Mesh
 from raytracer.meshes.shapes import knot
@@ -59,19 +60,12 @@ KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, 
 CHAINS = {w.name: w for w in (*chains.WORKS, *collectives.WORKS)}
 WORKS = (*KERNELS, *CHAINS, *rays.NAMES, *frames.NAMES)
 """The names of what is run side by side."""
-STUDIES = studies.STUDIES | {
-    "compiling": startup.compiling,
-    "starting": startup.starting,
-    "importing": startup.importing,
-    "sessions": startup.sessions,
-    "calls": calls.calls,
-    "features": features.features,
-    "fused": lambda mesh, quick: fused.fused(quick),
-    "gradients": lambda mesh, quick: gradients.gradients(quick),
-    "fitting": lambda mesh, quick: gradients.fitting(quick),
-    "components": lambda mesh, quick: gradients.components(quick),
-    "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
-    "looks": lambda mesh, quick: looks.looks(quick),
+STUDIES: dict[str, Callable[[Setup], Table]] = {
+    **{f.__name__: f for f in (studies.triangles, studies.pixels, studies.bounces, studies.lights, studies.instances)},
+    **{f.__name__: f for f in (startup.compiling, startup.starting, startup.importing, startup.sessions)},
+    **{f.__name__: f for f in (gradients.gradients, gradients.fitting, gradients.components)},
+    **{f.__name__: f for f in (calls.calls, features.features, fused.fused, looks.looks)},
+    "equal-error": equal_error.equal_error,
 }
 """Studies of shpy, most of them without a peer."""
 WHAT = "page: write docs/benchmarks.md from benchmarks/results, and measure nothing"
@@ -141,19 +135,16 @@ def compare(options: argparse.Namespace) -> int:
     names = chosen(options.only, (*WORKS, *STUDIES), "work")
     targets = chosen(options.targets, TARGETS, "target")
     present, missing = peers.available(peer_names)
+    setup = Setup(mesh_of(options.mesh, options.quick), options.quick, peer_names)
     here = machine.describe(present)
     print(report.heading(here, missing), end="\n\n")
     outcome = Outcome(options, here, missing)
-    mesh = mesh_of(options.mesh, options.quick)
-    for name in names:
-        progress(name)
-        try:
-            result = study_or_work(name, mesh, [*targets, *present], options)
-        except Exception as error:
-            traceback.print_exc(limit=-3)
-            outcome.failed[name] = rounds.reason(error)
-        else:
-            outcome.add(result)
+    try:
+        for name in names:
+            progress(name)
+            outcome.take(name, partial(study_or_work, name, setup, [*targets, *present], options))
+    except KeyboardInterrupt as error:
+        raise type(error)(outcome.stopped()) from None
     for name, why in outcome.failed.items():
         print(f"{name} failed: {why}")
     outcome.write(ended=True)
@@ -168,14 +159,14 @@ def check_files(options: argparse.Namespace) -> None:
         raise ShpyError("results of --quick and --size are not for the page: --write FOLDER, another one")
 
 
-def study_or_work(name: str, mesh: Mesh, contenders: list[str], options: argparse.Namespace) -> Measured | Table:
+def study_or_work(name: str, setup: Setup, contenders: list[str], options: argparse.Namespace) -> Measured | Table:
     """Measure a study or a work."""
     if name in STUDIES:
-        return STUDIES[name](mesh, options.quick)
-    (work,) = works([name], mesh)
+        return STUDIES[name](setup)
+    (work,) = works([name], setup.mesh)
     size = options.size or (work.quick if options.quick else work.size)
     count = options.rounds or (2 if options.quick else 9)
-    return rounds.run(work, size, contenders, count, progress, partial(work_of, name, mesh))
+    return rounds.run(work, size, contenders, count, progress, partial(work_of, name, setup.mesh))
 
 
 def progress(text: str) -> None:
@@ -198,8 +189,14 @@ class Outcome:
     tables: list[Table] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
 
-    def add(self, result: Measured | Table) -> None:
-        """Print a result, and write all that there are."""
+    def take(self, name: str, measure: Callable[[], Measured | Table]) -> None:
+        """Measure a work or a study and print its result, or keep its error; write all results that there are."""
+        try:
+            result = measure()
+        except Exception as error:
+            traceback.print_exc(limit=-3)
+            self.failed[name] = rounds.reason(error)
+            return
         if isinstance(result, Measured):
             self.works.append(result)
             result = report.table(result)
@@ -213,17 +210,27 @@ class Outcome:
 
         Until the last result the name of a file ends with `.unfinished`.
         """
-        folder, name = self.options.write, f"{(self.options.only or 'all').replace(',', '-')[:60]}.json"
+        folder = self.options.write
         if folder:
             folder.mkdir(parents=True, exist_ok=True)
-        for path in filter(None, (self.options.json, folder and folder / name)):
-            unfinished = path.with_name(f"{path.name}.unfinished")
+        for path, unfinished in self.files():
             write_json(path if ended else unfinished, self.document())
             if ended:
                 unfinished.unlink(missing_ok=True)
         if folder and ended:
             answers.drop_superseded(folder)
             answers.write_page(folder)
+
+    def files(self) -> list[tuple[Path, Path]]:
+        """Return the files that were asked for, each with its name until the run ends."""
+        folder, name = self.options.write, f"{(self.options.only or 'all').replace(',', '-')[:60]}.json"
+        paths = filter(None, (self.options.json, folder and folder / name))
+        return [(path, path.with_name(f"{path.name}.unfinished")) for path in paths]
+
+    def stopped(self) -> str:
+        """Return the last line of a run that was stopped."""
+        kept = " and ".join(str(unfinished) for _, unfinished in self.files()) if self.tables else ""
+        return f"stopped; results so far: {kept} (to use them, drop .unfinished from the name)" if kept else "stopped"
 
     def document(self) -> dict[str, Any]:
         """Return what a file holds."""

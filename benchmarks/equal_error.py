@@ -1,6 +1,6 @@
 """Path tracing of a large mesh against Mitsuba, to equal error.
 
-    print(equal_error(quick=False).markdown())
+    print(equal_error(Setup(peers=["mitsuba"])).markdown())
 
 The error of a picture after n samples falls with n, so what a picture of a given error costs is its time times the
 variance of its pixels. The variance is measured: pictures of other seeds, of which two that follow each other differ by
@@ -25,7 +25,7 @@ from benchmarks.rays import mitsuba_scene, mitsuba_sensor
 from benchmarks.report import spread
 from benchmarks.rounds import Apart
 from benchmarks.studies import backend
-from benchmarks.tables import Table
+from benchmarks.tables import Setup, Table
 from raytracer import Camera, EnvironmentLight, Material, Mesh, MetallicRoughness, Renderer, Scene, Texture
 from raytracer.meshes.shapes import floor, knot
 
@@ -82,15 +82,15 @@ def layered_scene(quick: bool = False) -> Scene:
     return Scene(meshes, [EnvironmentLight(sky())], Camera((2.2, 2.6, 5.6), (0, 0.7, 0), fov=42))
 
 
-def equal_error(quick: bool) -> Table:
+def equal_error(setup: Setup) -> Table:
     """Time, variance, and the time to equal error, round by round."""
     scenes: dict[str, Callable[[], Scene]] = {
-        "ridged knot": partial(mesh_scene, quick),
+        "ridged knot": partial(mesh_scene, setup.quick),
         "cornell": partial(Scene.builtin, "cornell"),
-        "gold and plastic": partial(layered_scene, quick),
+        "gold and plastic": partial(layered_scene, setup.quick),
     }
-    size, samples, rounds = (32, 4, 4) if quick else (SIZE, SAMPLES, 12)
-    contenders: dict[str, Any] = {} if peers.available(["mitsuba"])[1] else {peers.PEERS["mitsuba"].label: _mitsuba}
+    size, samples, rounds = (32, 4, 4) if setup.quick else (SIZE, SAMPLES, 12)
+    contenders: dict[str, Any] = {peers.PEERS[name].label: _mitsuba for name in setup.installed("mitsuba")}
     contenders[f"shpy, {backend()}"] = _ours
     rows, seconds = [], {}
     for title, scene in scenes.items():

@@ -1,6 +1,6 @@
 """The cost of each feature of the ray tracer on every backend.
 
-    print(features(mesh, quick=False).markdown())
+    print(features(Setup(mesh)).markdown())
 
 The plain scene has two matt materials, flat triangles, one light at a point and no bounces. Each feature is added to it
 alone.
@@ -16,7 +16,7 @@ import numpy as np
 
 import shpy as sh
 from benchmarks.rounds import in_turns
-from benchmarks.tables import Table
+from benchmarks.tables import Setup, Table
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Scene, Surface, Texture, shaders
 from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import floor
@@ -97,11 +97,11 @@ def cases(mesh: Mesh) -> dict[str, Case]:
     }
 
 
-def features(mesh: Mesh, quick: bool) -> Table:
+def features(setup: Setup) -> Table:
     """Measure the rays of each feature, and the time of its picture beside the plain one's."""
     backends = [b.name for b in sh.backends() if b.available and b.name in SIZES]
-    cases_by_name = cases(mesh)
-    if quick:
+    mesh, cases_by_name = setup.mesh, cases(setup.mesh)
+    if setup.quick:
         cases_by_name = dict(list(cases_by_name.items())[:3])
     rows: dict[str, list[str]] = {}
     for name, case in cases_by_name.items():
@@ -109,12 +109,12 @@ def features(mesh: Mesh, quick: bool) -> Table:
         rows[name] = [name, f"{shot:.2f}"]
     rounds = {}
     for backend in backends:
-        size = 16 if quick else SIZES[backend]
+        size = 16 if setup.quick else SIZES[backend]
         runs = {
             name: partial(case.renderer(backend).render, (size, size), samples=case.samples)
             for name, case in cases_by_name.items()
         }
-        times = {name: t.cpu for name, t in in_turns(runs, 1 if quick else 5).items()}
+        times = {name: t.cpu for name, t in in_turns(runs, 1 if setup.quick else 5).items()}
         for name, row in rows.items():
             row.append(f"{min(times[name]) / min(times['plain']):.2f}")
         rows["plain"][-1] = f"{1e3 * min(times['plain']):.1f} ms"

@@ -1,6 +1,6 @@
 """The error of strict mode with and without `fuse`, for six small programs: `python -m benchmarks --only fused`.
 
-    print(fused(quick=True).markdown())
+    print(fused(Setup(quick=True)).markdown())
 
 Errors are those of binary32 on numpy, in units in the last place, against mpmath; both columns have the same inputs.
 """
@@ -13,7 +13,7 @@ import numpy as np
 
 import shpy as sh
 from benchmarks.kernels.polynomial import polynomial
-from benchmarks.tables import Table
+from benchmarks.tables import Setup, Table
 
 SAMPLES = 4_000
 
@@ -59,11 +59,11 @@ PROGRAMS = {
 }
 
 
-def fused(quick: bool) -> Table:
+def fused(setup: Setup) -> Table:
     """Return the largest and the mean error of each program, strict and fused."""
     rows = []
     for name, (program, domain) in PROGRAMS.items():
-        samples = 200 if quick else SAMPLES
+        samples = 200 if setup.quick else SAMPLES
         report = sh.accuracy.measure(program, domain, "numpy", "strict", samples=samples, fuse=(False, True))
         cells = [f"{value:.3g}" for row in report.rows for value in (row.ulp[0], np.nanmean(row.errors))]
         plain, contracted = (row.errors[~np.isnan(row.errors)] for row in report.rows)  # those in the domain

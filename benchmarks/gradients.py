@@ -1,6 +1,6 @@
 """The cost of derivatives: a value with its gradient by three inputs, beside the value alone, differences, and peers.
 
-    print(gradients(quick=True).markdown())
+    print(gradients(Setup(quick=True)).markdown())
 
 The four programs are compiled for OpenCL where there is a device, otherwise for numpy, in strict mode, and read and
 write streams, so that only kernels count. Differences are central ones: six evaluations in one kernel. JAX and Dr.Jit,
@@ -20,7 +20,7 @@ import shpy as sh
 from benchmarks import peers
 from benchmarks.rounds import in_turns
 from benchmarks.studies import backend
-from benchmarks.tables import Table
+from benchmarks.tables import Setup, Table
 from shpy import SH_FOR
 
 ELEMENTS, ROUNDS = 1_000_000, 9
@@ -151,13 +151,10 @@ def with_drjit(f: Any, wrt: slice, arrays: Any) -> Callable[[], Any]:
     return both
 
 
-def runs_of_peers(f: Any, wrt: slice, arrays: Any) -> dict[str, Callable[[], Any]]:
-    """Return the runs of the peers that are installed, by their labels."""
+def runs_of_peers(setup: Setup, f: Any, wrt: slice, arrays: Any) -> dict[str, Callable[[], Any]]:
+    """Return the runs of the setup's peers, by their labels."""
     makers = {"jax": with_jax, "drjit": with_drjit}
-    present = peers.available(list(makers))[0]
-    for name in present:
-        peers.start(name)
-    return {peers.PEERS[name].label: makers[name](f, wrt, arrays) for name in present}
+    return {peers.PEERS[name].label: makers[name](f, wrt, arrays) for name in setup.started(*makers)}
 
 
 def check(way: str, values: Any, slopes: Any, own: Any) -> None:
@@ -201,9 +198,9 @@ def timed(
     return {way: times.seconds for way, times in in_turns({**runs, **others}, 2 if quick else ROUNDS).items()}
 
 
-def gradients(quick: bool) -> Table:
+def gradients(setup: Setup) -> Table:
     """Measure each program, and its value with a gradient in three ways and by peers, in turns."""
-    count, target = (1_000 if quick else ELEMENTS), backend()
+    count, target = (1_000 if setup.quick else ELEMENTS), backend()
     array = np.random.default_rng(3).normal(size=(count, 3)).astype(np.float32)
     points = sh.Stream(array, sh.Attrib3f, target)
     rows, rounds, others = [], {}, []
@@ -214,11 +211,11 @@ def gradients(quick: bool) -> Table:
             "reverse": program.gradient("p", value=True, mode="reverse"),
             "differences": differences(program),
         }
-        others = runs_of_peers(OF_PEERS[name], slice(0, 3), array.T)
+        others = runs_of_peers(setup, OF_PEERS[name], slice(0, 3), array.T)
         value, slope = ways["forward"].compile(target)(array)
         for peer, run in others.items():
             check(f"{peer}, {name},", *run(), [value, *slope.T])
-        seconds = {way: np.array(each) for way, each in timed(ways, [points], target, quick, others).items()}
+        seconds = {way: np.array(each) for way, each in timed(ways, [points], target, setup.quick, others).items()}
         whole, forward = seconds["value"], seconds["forward"]
         cells = [f"{np.median(seconds[way] / whole):.2f}" for way in list(ways)[1:]]
         for peer in others:
@@ -249,18 +246,18 @@ def chained(count: int) -> sh.Program:
     return program
 
 
-def components(quick: bool) -> Table:
+def components(setup: Setup) -> Table:
     """Measure forward and reverse mode by the number of components."""
-    count, target = (1_000 if quick else ELEMENTS), backend()
+    count, target = (1_000 if setup.quick else ELEMENTS), backend()
     rows, rounds = [], {}
-    for size in (8, 16) if quick else (4, 8, 16, 32, 64):
+    for size in (8, 16) if setup.quick else (4, 8, 16, 32, 64):
         program = chained(size)
         streams = [sh.Stream(np.full((count, 4), 0.5, np.float32), sh.Attrib4f, target) for _ in program.inputs]
         ways = {
             "value": program,
             **{m: program.gradient(*program.inputs, value=True, mode=m) for m in ("forward", "reverse")},
         }
-        seconds = timed(ways, streams, target, quick)
+        seconds = timed(ways, streams, target, setup.quick)
         whole, *others = map(np.array, seconds.values())
         rows.append([str(size), *(f"{np.median(other / whole):.1f}" for other in others)])
         rounds |= {f"{size}, {way}": each for way, each in seconds.items()}
@@ -303,9 +300,9 @@ def through(uv: sh.TexCoord2f, target: sh.Attrib1f) -> sh.Attrib1f:
     return (total - target) * (total - target)
 
 
-def fitting(quick: bool) -> Table:
+def fitting(setup: Setup) -> Table:
     """Measure a step of fitting a texture of 64 x 64 to 256 x 256 places, its parts, and one with reads in a loop."""
-    size, target = (16 if quick else 256), backend()
+    size, target = (16 if setup.quick else 256), backend()
     random = np.random.default_rng(9)
     arrays = random.random((size, size, 2), np.float32), random.random((size, size), np.float32)
     streams = [sh.Stream(x, cls, target) for x, cls in zip(arrays, misfit.inputs.values(), strict=True)]
@@ -321,13 +318,13 @@ def fitting(quick: bool) -> Table:
     }
     value, slopes = step(*streams)
     of_peers = (SHEET.table.host_array().ravel(), *np.moveaxis(arrays[0], -1, 0), arrays[1])
-    for peer, run in runs_of_peers(misfit_of, slice(0, 1), [a.ravel() for a in of_peers]).items():
+    for peer, run in runs_of_peers(setup, misfit_of, slice(0, 1), [a.ravel() for a in of_peers]).items():
         errors, by_sheet = run()
         check(peer, np.sum(errors), by_sheet, [value, slopes.ravel()])
         runs[f"step, {peer}"] = run
     for run in runs.values():
         run()
-    times = in_turns(runs, 2 if quick else ROUNDS)
+    times = in_turns(runs, 2 if setup.quick else ROUNDS)
     rows = [[way, f"{1e3 * np.median(t.seconds):.2f}", f"{1e3 * np.median(t.cpu):.2f}"] for way, t in times.items()]
     note = f"A texture of 64 x 64, filtered linearly, and {size} x {size} places on {target}: medians."
     return Table("fitting", note, ["", "ms", "ms of CPU"], rows, {way: t.seconds for way, t in times.items()})

@@ -1,6 +1,6 @@
 """Compares materials with those of Mitsuba, pixel by pixel: `python -m benchmarks --only looks`.
 
-    print(looks(quick=False).markdown())
+    print(looks(Setup(peers=["mitsuba"])).markdown())
 
 A ball of each material, of flat triangles, stands on a matt floor under a lamp that has an area. Pictures of several
 seeds tell the variance of the mean of each pixel; z is the difference of both means over its standard error. Where the
@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.rays import mitsuba_mesh, mitsuba_sensor
 from benchmarks.studies import backend
-from benchmarks.tables import Table
+from benchmarks.tables import Setup, Table
 from raytracer import Camera, EnvironmentLight, Material, Mesh, MetallicRoughness, Renderer, Scene, Texture
 from raytracer.meshes.shapes import floor, sphere
 
@@ -182,21 +182,21 @@ def theirs(look: Look, size: int, samples: int, seeds: int) -> np.ndarray:
     return np.array([np.asarray(picture, np.float64)[..., :3] for picture in pictures])
 
 
-def looks(quick: bool) -> Table:
+def looks(setup: Setup) -> Table:
     """Return z and means of the materials; without Mitsuba, of our pictures the means alone."""
-    size, samples, seeds = (16, 4, 2) if quick else (SIZE, SAMPLES, SEEDS)
-    missing = find_spec("mitsuba") is None
-    if not missing:
+    size, samples, seeds = (16, 4, 2) if setup.quick else (SIZE, SAMPLES, SEEDS)
+    alone = "mitsuba" not in setup.peers or find_spec("mitsuba") is None
+    if not alone:
         import mitsuba as mi
 
         mi.set_variant("scalar_rgb")  # which needs no LLVM
     rows = []
     chosen = catalogue()
-    for name in list(chosen)[:: 8 if quick else 1]:
+    for name in list(chosen)[:: 8 if setup.quick else 1]:
         look = chosen[name]
         pictures, on_ball = ours(look, size, samples, seeds)
         mean = pictures[:, on_ball].mean()
-        if missing:
+        if alone:
             rows.append([name, f"{mean:.4f}", "", "", "", look.models])
             continue
         others = theirs(look, size, samples, seeds)
@@ -208,6 +208,6 @@ def looks(quick: bool) -> Table:
         rows.append([name, f"{mean:.4f}", f"{100 * ratio:+.1f} %", f"{z.mean():+.2f}", f"{rms:.2f}", look.models])
     note = (
         f"{size} x {size} pixels, {seeds} seeds of {samples} samples. Where both models agree, z has the mean 0 and "
-        f"the root mean square 1.08 for eight seeds.{' Mitsuba is missing: pip install mitsuba' if missing else ''}"
+        f"the root mean square 1.08 for eight seeds.{' Mitsuba is missing or left out.' if alone else ''}"
     )
     return Table("looks", note, ["material", "mean", "to Mitsuba", "mean z", "rms z", "models of Mitsuba"], rows)

@@ -34,6 +34,8 @@ SETTLED = 3.0
 """Seconds of plain calls before the first round: the default backend has then gone on to OpenCL where that pays."""
 PAUSE = 0.03
 """Seconds: Dr.Jit's threads look for work for 15 to 20 ms, and slow down by a third who comes after them till then."""
+LIMIT, ENDING = 600.0, 10.0
+"""Seconds that a peer has for an answer, compilation included, and for the end of its process."""
 
 
 @dataclass
@@ -145,9 +147,15 @@ class Apart:
         return self
 
     def __call__(self, argument: Any) -> Any:
-        """Call the function; raise Failed with its error, or with the signal or the status that ended its process."""
+        """Call the function; raise Failed with its error, or with the signal or the status that ended its process.
+
+        A process that does not answer within LIMIT is killed.
+        """
         try:
             self.pipe.send(argument)
+            if not self.pipe.poll(LIMIT):
+                self.process.kill()
+                raise Failed(f"it gave no answer in {LIMIT:g} s")
             result, error = self.pipe.recv()
         except (EOFError, OSError):
             self.process.join()
@@ -160,10 +168,13 @@ class Apart:
 
     def __exit__(self, *_: object) -> None:
         self.pipe.close()
+        self.process.join(ENDING)
+        self.process.kill()
         self.process.join()
 
 
 def _serve(make: Callable[[], Callable[[Any], Any]], pipe: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the other process, which closes the pipe
     function = None
     with suppress(EOFError):
         while True:

@@ -1,6 +1,6 @@
 """The time until a kernel runs: emitting and compiling, in new processes, cold and warm.
 
-    print(compiling(mesh, quick=False))
+    print(compiling(Setup()).markdown())
 
 Cold is a process that finds nothing kept from an earlier one, warm is one after it.
 """
@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
-from benchmarks.tables import Table
-from raytracer import Mesh, Scene
+from benchmarks.tables import Setup, Table
+from raytracer import Scene
 from raytracer.kernels.eye_rays import EyeRays
 from raytracer.kernels.picture import eye_rays
 from raytracer.kernels.tracer import Tracer
@@ -118,11 +118,11 @@ def _backends() -> list[str]:
     return [b.name for b in sh.backends() if b.available]
 
 
-def compiling(mesh: Mesh, quick: bool) -> Table:
+def compiling(setup: Setup) -> Table:
     """Measure the compilation of programs, each in a new process, cold and then warm."""
     rows, rounds = [], {}
     cases = [(name, backend) for name in PROGRAMS for backend in _backends()]
-    for name, backend in [("spheres", "numpy")] if quick else cases:
+    for name, backend in [("spheres", "numpy")] if setup.quick else cases:
         with tempfile.TemporaryDirectory() as cache:
             cold, warm = (float(_run(["-c", CHILD, name, backend], cache)[0]) for _ in range(2))
         rows.append([name, backend, f"{cold:.3f}", f"{warm:.3f}"])
@@ -131,14 +131,14 @@ def compiling(mesh: Mesh, quick: bool) -> Table:
     return Table("compiling", "Seconds, with emission; the driver's code is waited for.", head, rows, rounds)
 
 
-def starting(mesh: Mesh, quick: bool) -> Table:
+def starting(setup: Setup) -> Table:
     """`raytracer render` of a simple scene and of one with everything, in a new process, cold and then warm."""
     rows, rounds = [], {}
     cases = [(*case, backend) for case in RENDERS.items() for backend in _backends()]
-    for name, words, backend in cases[:1] if quick else cases:
+    for name, words, backend in cases[:1] if setup.quick else cases:
         with tempfile.TemporaryDirectory() as cache:
             command = ["-c", COMMAND, "render", *words, "--backend", backend, "-o", os.path.join(cache, "out.png")]
-            cold, *warm = [_run(command, cache)[1] for _ in range(2 if quick else 4)]
+            cold, *warm = [_run(command, cache)[1] for _ in range(2 if setup.quick else 4)]
         rows.append([name.format(backend), f"{cold:.2f}", f"{min(warm):.2f}"])
         rounds[name.format(backend)] = [cold, *warm]
     note = "Seconds of `raytracer render` in a new process, Python's own start included: " + "; ".join(
@@ -183,7 +183,7 @@ def workers(blocks: int) -> None:
     print(time.process_time() + children.ru_utime + children.ru_stime)
 
 
-def sessions(mesh: Mesh, quick: bool) -> Table:
+def sessions(setup: Setup) -> Table:
     """Measure processes of plain calls, cold and then warm, beside those with each backend pinned.
 
     The policy of "auto" (`shpy/run/tiers`) promises at most twice the time of the better backend with the same caches.
@@ -191,17 +191,17 @@ def sessions(mesh: Mesh, quick: bool) -> Table:
     and 0.6. Five processes of "auto" one after the other took 4.3, 2.6, 1.5, 1.4 and 1.5 s, and 5.3, 4.0, 2.3, 2.2
     and 2.1 s where seconds of earlier processes did not count.
     """
-    sizes = (1_000,) if quick else (10_000, 200_000, 2_000_000)
+    sizes = (1_000,) if setup.quick else (10_000, 200_000, 2_000_000)
     texts = {f"five programs, {n:,}": f"from benchmarks.startup import session; session({n})" for n in sizes}
-    blocks = 4 if quick else 400
+    blocks = 4 if setup.quick else 400
     texts[f"{blocks} blocks in two workers, 100,000"] = f"from benchmarks.startup import workers; workers({blocks})"
-    texts["5,000 calls, 64"] = SMALL.format(count=10 if quick else 5000)
-    rows, rounds = [], {}
+    texts["5,000 calls, 64"] = SMALL.format(count=10 if setup.quick else 5000)
+    rows, rounds, count = [], {}, 2 if setup.quick else 4
     for name, text in texts.items():
         seconds: dict[str, list[float]] = {}
-        for backend in ("numpy", "auto") if quick else ("numpy", "opencl", "auto"):
+        for backend in ("numpy", "auto") if setup.quick else ("numpy", "opencl", "auto"):
             with tempfile.TemporaryDirectory() as cache:
-                own = [float(_run(["-c", text], cache, {"SHPY_BACKEND": backend})[0]) for _ in range(2 if quick else 4)]
+                own = [float(_run(["-c", text], cache, {"SHPY_BACKEND": backend})[0]) for _ in range(count)]
             seconds[backend] = [own[0], min(own[1:])]
             rounds[f"{name}, {backend}"] = own
         for k, state in enumerate(("cold", "warm")):
@@ -212,9 +212,9 @@ def sessions(mesh: Mesh, quick: bool) -> Table:
     return Table("sessions", note, ["programs, elements", *seconds, "auto, of the better"], rows, rounds)
 
 
-def importing(mesh: Mesh, quick: bool) -> Table:
+def importing(setup: Setup) -> Table:
     """Measure imports of packages, each in a new process, without bytecode and then with it, as pip leaves it."""
-    rounds, rows, seconds_of = 2 if quick else 9, [], {}
+    rounds, rows, seconds_of = 2 if setup.quick else 9, [], {}
     with tempfile.TemporaryDirectory() as cache:
         for package in IMPORTED:
             without = [_import_seconds(package, os.path.join(cache, str(n), package)) for n in range(rounds)]

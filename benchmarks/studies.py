@@ -1,25 +1,25 @@
 """Measure how time grows with triangles, pixels, bounces, lights and instances.
 
-    print(STUDIES["lights"](mesh, quick=False))
+    print(lights(Setup(mesh)).markdown())
 
-Each study gives a `Table`. Times are those of the best of five rounds; CPU times are those of all threads. Ours run on
-OpenCL where there is a device, otherwise on numpy.
+Times are those of the best of five rounds; CPU times are those of all threads. Ours run on OpenCL where there is a
+device, otherwise on numpy.
 """
 
 from __future__ import annotations
 
 import time
 import tracemalloc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
-from benchmarks import frames, peers, rays
+from benchmarks import frames, rays
 from benchmarks.rounds import in_turns
-from benchmarks.tables import Table
+from benchmarks.tables import Setup, Table
 from raytracer import Instance, Mesh, PointLight, Scene
 from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import knot
@@ -38,14 +38,14 @@ def rate(count: int, seconds: float) -> str:
     return f"{count / seconds / 1e6:.1f}"
 
 
-def triangles(mesh: Mesh, quick: bool) -> Table:
+def triangles(setup: Setup) -> Table:
     """Measure rays per second over knots of 1,000 to 1,000,000 triangles."""
-    size = 32 if quick else 512
+    size = 32 if setup.quick else 512
     compiled = partial(sh.Program.compile, backend=backend())
-    with_mitsuba = not quick and not peers.available(["mitsuba"])[1]
+    with_mitsuba = not setup.quick and setup.started("mitsuba")
     rows, rounds = [], {}
     names = ["primary", "secondary", "Mitsuba, primary", "Mitsuba, secondary"]
-    for segments, sides in [(50, 10)] if quick else [(50, 10), (160, 32), (500, 100), (1600, 320)]:
+    for segments, sides in [(50, 10)] if setup.quick else [(50, 10), (160, 32), (500, 100), (1600, 320)]:
         knotted = knot(segments=segments, sides=sides)
         ray_arrays = rays.secondary_rays(knotted, size)
         runs = [
@@ -53,7 +53,6 @@ def triangles(mesh: Mesh, quick: bool) -> Table:
             rays.ours_given(compiled, *ray_arrays, knotted, False),
         ]
         if with_mitsuba:
-            peers.start("mitsuba")
             runs += [
                 rays.mitsuba(size, mesh=knotted, any_hit=False),
                 rays.mitsuba(*ray_arrays, mesh=knotted, any_hit=False),
@@ -79,33 +78,33 @@ def _frames(name: str, note: str, what: str, cases: Sequence[tuple[Any, Scene, i
     return Table(name, f"{note} On {backend()}.", head, rows, rounds)
 
 
-def pixels(mesh: Mesh, quick: bool) -> Table:
+def pixels(setup: Setup) -> Table:
     """Measure frames of 64 x 64 to 2048 x 2048 pixels."""
-    scene = frames.scene_of(mesh)
-    sizes = [16, 32] if quick else [64, 128, 256, 512, 1024, 2048]
+    scene = frames.scene_of(setup.mesh)
+    sizes = [16, 32] if setup.quick else [64, 128, 256, 512, 1024, 2048]
     cases = [(n, scene, n, 1) for n in sizes]
-    return _frames("pixels", f"{mesh.name} on a mirror, one light, one bounce.", "pixels along a side", cases)
+    return _frames("pixels", f"{setup.mesh.name} on a mirror, one light, one bounce.", "pixels along a side", cases)
 
 
-def bounces(mesh: Mesh, quick: bool) -> Table:
+def bounces(setup: Setup) -> Table:
     """Measure up to 16 bounces between mirrors."""
-    size = 32 if quick else 512
+    size = 32 if setup.quick else 512
     scene = Scene.builtin("mirror-box")
-    cases = [(n, scene, size, n) for n in ((0, 1) if quick else (0, 1, 2, 4, 8, 16))]
+    cases = [(n, scene, size, n) for n in ((0, 1) if setup.quick else (0, 1, 2, 4, 8, 16))]
     return _frames("bounces", f"The scene mirror-box, {size} x {size} pixels.", "bounces", cases)
 
 
-def lights(mesh: Mesh, quick: bool) -> Table:
+def lights(setup: Setup) -> Table:
     """Measure 1 to 8 lights."""
-    size = 32 if quick else 512
-    cases = [(n, frames.scene_of(mesh, n), size, 1) for n in ((1, 2) if quick else (1, 2, 4, 8))]
-    return _frames("lights", f"{mesh.name} on a mirror, {size} x {size} pixels, one bounce.", "lights", cases)
+    size = 32 if setup.quick else 512
+    cases = [(n, frames.scene_of(setup.mesh, n), size, 1) for n in ((1, 2) if setup.quick else (1, 2, 4, 8))]
+    return _frames("lights", f"{setup.mesh.name} on a mirror, {size} x {size} pixels, one bounce.", "lights", cases)
 
 
-def instances(mesh: Mesh, quick: bool) -> Table:
+def instances(setup: Setup) -> Table:
     """Measure the layout and frames of knots that share their triangles, beside knots with triangles of their own."""
-    size, counts = (16, (2, 4)) if quick else (256, (10, 100, 766))
-    knotted = knot(segments=10 if quick else 250, sides=4 if quick else 20)
+    size, counts = (16, (2, 4)) if setup.quick else (256, (10, 100, 766))
+    knotted = knot(segments=10, sides=4) if setup.quick else knot(segments=250, sides=20)
     rows, rounds = [], {}
     for count in counts:
         seconds, peak, tables, scene = _laid_out(knotted, count)
@@ -151,12 +150,3 @@ def _scattered(mesh: Mesh, count: int, random: np.random.Generator) -> list[Inst
         place[:3, 3] = random.uniform(-1, 1, 3) * (2 * count**0.5, 0.5, 2 * count**0.5)
         placed.append(Instance(mesh, place))
     return placed
-
-
-STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {
-    "triangles": triangles,
-    "pixels": pixels,
-    "bounces": bounces,
-    "lights": lights,
-    "instances": instances,
-}

@@ -1,11 +1,13 @@
 """The benchmarks measure what they say; without any peer, every backend gives numpy's answer at a small size."""
 
 import json
+import multiprocessing
 import os
 import re
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import pages
 from texts import TEXTS
 
-from benchmarks import answers, command, peers, report, rounds, startup
-from benchmarks.tables import Table
+from benchmarks import answers, command, gradients, peers, report, rounds, startup
+from benchmarks.tables import Setup, Table
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
 from shpy.backend.base import Options
@@ -214,23 +216,76 @@ def test_peers_have_processes_of_their_own(monkeypatch):
     assert cells["Taichi"] == ["Taichi", *[""] * 9, "failed: its process ended by SIGABRT"]
 
 
-def test_a_study_that_raises_ends_no_run(monkeypatch, tmp_path, capsys):
-    """Earlier results are in the file by then, and later ones are measured."""
+def hangs(peer):
+    """Return a work whose peer computes for ever."""
+    work = Work("hangs", "{size} numbers", lambda size: (np.arange(size),), 4, 4, within=0)
+    work.version("masks")(lambda a: lambda: 2 * a)
+    work.version("numba")(lambda a: threading.Event().wait)
+    return work
 
-    def fails(mesh, quick):
+
+def test_a_peer_that_hangs_is_ended(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    monkeypatch.setattr(rounds, "LIMIT", 1.5)
+    monkeypatch.setattr(rounds, "ENDING", 0.0)
+    measured = rounds.run(hangs(None), 4, ["numba", "masks"], rounds=1, find=hangs)
+    assert measured.failed == {"numba": "it gave no answer in 1.5 s"}
+    assert list(measured.seconds) == ["masks"]
+    assert multiprocessing.active_children() == []
+
+
+WORDS = ["--only", "mandelbrot,lights,calls", "--targets", "numpy", "--peers", "none", "--quick", "--size", "8"]
+CALLS = Table("calls", "", ["call", "median"], [["shpy, numpy", "1.0"]])
+
+
+def test_a_study_that_raises_ends_no_run(monkeypatch, tmp_path, capsys):
+    """Earlier results are in the file by then, and later ones are measured; the page has what there is."""
+
+    def fails(setup):
         (unfinished,) = tmp_path.iterdir()
         assert len(json.loads(unfinished.read_text())["tables"]) == 1
         raise OSError("the battery is empty")
 
     monkeypatch.setitem(command.STUDIES, "lights", fails)
-    monkeypatch.setitem(command.STUDIES, "pixels", lambda mesh, quick: Table("pixels", "", ["a"], [["1"]]))
-    words = ["--only", "mandelbrot,lights,pixels", "--targets", "numpy", "--peers", "none", "--quick", "--size", "8"]
-    assert command.main([*words, "--json", str(tmp_path / "a.json")]) == 1
+    monkeypatch.setitem(command.STUDIES, "calls", lambda setup: CALLS)
+    assert command.main([*WORDS, "--write", str(tmp_path)]) == 1
     assert capsys.readouterr().out.endswith("lights failed: OSError: the battery is empty\n")
-    (path,) = tmp_path.iterdir()
+    page, path = sorted(tmp_path.iterdir(), key=lambda path: path.suffix, reverse=True)
     document = json.loads(path.read_text())
-    assert [table["name"] for table in document["tables"]] == ["mandelbrot", "pixels"]
+    assert [table["name"] for table in document["tables"]] == ["mandelbrot", "calls"]
     assert document["failed"] == {"lights": "OSError: the battery is empty"}
+    assert re.search(r"\| shpy, numpy +\| +1\.0 \|", page.read_text())
+    line = "- rays are not on this page: no run has the table primary: `python -m benchmarks --only primary --write`\n"
+    assert line in page.read_text()
+
+
+def test_a_run_that_is_stopped_says_where_its_results_are(monkeypatch, tmp_path, capsys):
+    def stops(setup):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(command.STUDIES, "lights", stops)
+    assert command.main([*WORDS, "--write", str(tmp_path)]) == 130
+    (path,) = tmp_path.iterdir()
+    assert path.name == "mandelbrot-lights-calls.json.unfinished"
+    said = f"benchmarks: stopped; results so far: {path} (to use them, drop .unfinished from the name)\n"
+    assert capsys.readouterr().err == said
+    path.rename(path.with_suffix(""))
+    assert answers.Results.read(tmp_path).cell("mandelbrot", "shpy, numpy", "ratio") == "1.00"
+    assert command.main(["--only", "lights", "--peers", "none", "--json", str(tmp_path / "a.json")]) == 130
+    assert capsys.readouterr().err == "benchmarks: stopped\n"
+
+
+def test_studies_leave_out_peers_that_are_not_asked_for(monkeypatch):
+    monkeypatch.setattr(peers, "available", lambda names: (names, {}))
+    monkeypatch.setattr(peers, "start", lambda name: None)
+    monkeypatch.setattr(peers.Peer, "version", "1.0")
+    monkeypatch.setattr(gradients, "with_jax", lambda f, wrt, arrays: "run")
+    seen = []
+    monkeypatch.setitem(command.STUDIES, "fitting", lambda setup: seen.append(setup) or CALLS)
+    for text in ("none", "masks,jax"):
+        assert command.main(["--only", "fitting", "--quick", "--peers", text]) == 0
+    runs = [gradients.runs_of_peers(setup, None, slice(1), ()) for setup in seen]
+    assert runs == [{}, {"JAX": "run"}]
 
 
 SLOW = pytest.mark.slow
@@ -249,14 +304,14 @@ def test_decisions_are_raced():
     ["lights", *(pytest.param(name, marks=SLOW) for name in ("importing", "calls", "equal-error"))],
 )
 def test_each_study_keeps_the_seconds_of_its_rounds(name, mesh):
-    table = command.STUDIES[name](mesh, True)
+    table = command.STUDIES[name](Setup(mesh, quick=True))
     assert table.rounds
     assert all(len(seconds) > 1 and min(seconds) > 0 for seconds in table.rounds.values())
 
 
 @SLOW
 def test_looks_are_compared_with_mitsuba_where_it_is_installed(mesh):
-    table = command.STUDIES["looks"](mesh, True)
+    table = command.STUDIES["looks"](Setup(mesh, True, ["mitsuba"]))
     assert [row[0] for row in table.rows] == ["chalk", "brushed metal"]
     assert all(float(row[1]) > 0 for row in table.rows)
 
@@ -296,7 +351,7 @@ def test_the_newest_run_of_a_table_is_on_the_page_and_older_files_go(tmp_path):
     assert [results.cell(name, "shpy, OpenCL", "ms") for name in ("blur", "nbody")] == ["new", "partial"]
     answers.drop_superseded(tmp_path)
     assert sorted(p.stem for p in tmp_path.iterdir()) == ["new", "partial"]
-    with pytest.raises(KeyError, match="--only sort --write"):
+    with pytest.raises(answers.NotMeasured, match="--only sort --write"):
         results.table("sort")
 
 
