@@ -35,7 +35,6 @@ from benchmarks import (
     equal_error,
     features,
     frames,
-    fused,
     gradients,
     looks,
     machine,
@@ -64,7 +63,7 @@ STUDIES: dict[str, Callable[[Setup], Table]] = {
     **{f.__name__: f for f in (studies.triangles, studies.pixels, studies.bounces, studies.lights, studies.instances)},
     **{f.__name__: f for f in (startup.compiling, startup.starting, startup.importing, startup.sessions)},
     **{f.__name__: f for f in (gradients.gradients, gradients.fitting, gradients.components)},
-    **{f.__name__: f for f in (calls.calls, features.features, fused.fused, looks.looks)},
+    **{f.__name__: f for f in (calls.calls, features.features, looks.looks)},
     "equal-error": equal_error.equal_error,
 }
 """Studies of shpy, most of them without a peer."""

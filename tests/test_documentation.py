@@ -26,7 +26,7 @@ from raytracer.meshes.shapes import knot
 ROOT = Path(__file__).parents[1]
 RUN = [
     "README.md", "docs/texts.md", "docs/language.md", "docs/library.md", "docs/streams.md", "docs/testing.md",
-    "docs/gradients.md", "docs/accuracy.md", "docs/clusters.md",
+    "docs/gradients.md", "docs/accuracy.md", "docs/clusters.md", "docs/numerics.md",
     "docs/shadertoy.md", "docs/live.md",
     "docs/raytracer.md", "docs/raytracer-pictures.md", "docs/raytracer-rays.md", "docs/raytracer-files.md",
     "docs/materials.md",
