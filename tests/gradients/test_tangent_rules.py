@@ -246,7 +246,7 @@ MODES = ["forward", "reverse"]
 
 @sh.program
 def grown_once(c: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
-    return grown(c, n)
+    return grown(c * c, n) * c
 
 
 @sh.program

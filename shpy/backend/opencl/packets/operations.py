@@ -21,7 +21,7 @@ from shpy.backend.opencl.text.prologue import name_of
 from shpy.ir.nodes import Let, Store, Variable
 from shpy.ir.types import Base, Type
 
-_PROLOGUE: Final = frozenset({"min", "max", "floordiv", "floormod", "half", "ldexp", "sin", "cos", "tan"})
+_PROLOGUE: Final = frozenset({"min", "max", "floordiv", "floormod", "half", "ldexp"})
 
 
 class _PacketUnit(ClUnit):

@@ -35,7 +35,7 @@ from shpy.backend.opencl.packets.prologue_memory import (
     struct_text,
 )
 from shpy.backend.opencl.packets.widen import Lanes, rows_of
-from shpy.backend.opencl.text.prologue import SCALARS, Prologue, filled, name_of
+from shpy.backend.opencl.text.prologue import SCALARS, Prologue, name_of
 from shpy.ir.types import Base, Type
 
 IN_REGISTERS: Final = 8
@@ -136,18 +136,6 @@ class Abilities:
     guesses: frozenset[int] = frozenset()
 
 
-_TRIGONOMETRIC: Final = """\
-// Computes lanes near zero and lanes far from it apart: PoCL gives wrong results for near lanes beside a far one.
-$T $name($T x) {
-    MASK far = fabs(x) >= 125;
-    $T y = $op(far ? ($T)(0) : x);
-    if (sh_any(convert_$INT(far))) {
-        y = far ? $op(far ? x : ($T)(125)) : y;
-    }
-    return y;
-}"""
-
-
 class PacketPrologue(Prologue):
     """The functions that one packet's kernel uses, in the order of the first use.
 
@@ -173,10 +161,6 @@ class PacketPrologue(Prologue):
         """Return the function that computes `op`, or None where its definition is to be printed."""
         if not isinstance(type, Lanes):
             return super().written(op, type)
-        if op in ("sin", "cos", "tan"):
-            self.any_lane()
-            mask = "long" if type.base is Base.D else "int"
-            return filled(_TRIGONOMETRIC.replace("MASK", f"{mask}{self.lanes}"), op, type)
         if op == "pow":
             return _each_lane(name_of(op, type), op, spelled_wide(type), self.lanes)
         return super().written(op, type)
