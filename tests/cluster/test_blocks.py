@@ -131,49 +131,6 @@ def one_thread():
         yield
 
 
-WEIGHT = sh.Param(sh.Attrib1f, 0.75, name="weight")
-
-
-@sh.subroutine
-def root(c: sh.Attrib1f) -> sh.Attrib1f:
-    x = sh.Attrib1f(1)
-    with sh.SH_FOR(0, 12):
-        x -= (x * x * x + x - c) / (3 * x * x + 1)
-    return x
-
-
-@root.tangent
-def root_tangent(x, c, d_c):
-    return d_c / (3 * x * x + 1)
-
-
-@sh.program
-def bent(x: sh.Attrib3f, k: sh.Attrib1f) -> sh.Attrib1f:
-    return root(sh.dot(x, x) * WEIGHT) * sh.sin(k)
-
-
-@pytest.mark.parametrize("mode", ["forward", "reverse"])
-def test_derivatives_are_computed_in_other_processes(mode):
-    """A gradient by an input and a Param, through a rule of its own, and one whose function stores into an array."""
-
-    @sh.program
-    def folded(x: sh.Attrib3f, k: sh.Attrib1f):
-        kept = sh.Array(sh.Attrib1f, [1, 2])
-
-        def f(q):
-            kept[1] = root(sh.dot(q, q) * WEIGHT) * kept[0] + kept[1]
-            return kept[1] * sh.sin(k)
-
-        return sh.gradient(f, mode=mode)(x), kept[1]
-
-    kernels = [p.compile("numpy") for p in (bent.gradient("x", WEIGHT, mode=mode, value=True), folded)]
-    expected = [array for kernel in kernels for array in kernel(X, K)]
-    blocks = [array for kernel in kernels for array in sh.map_blocks(kernel, cut(X, 5, 17, 3), K)]
-    with dask.config.set(scheduler="processes", num_workers=1):
-        for a, b in zip(dask.compute(*blocks), expected, strict=True):
-            assert a.tobytes() == b.tobytes()
-
-
 @pytest.mark.sampled(2)
 @every
 @pytest.mark.parametrize("chunks", [(5, 4, 3), (13, 17, 3), (1, 17, 3)])

@@ -1,4 +1,4 @@
-"""Derivatives in threads that read Tables in loops, after edits of a file, and `first_nan` in the stress mode."""
+"""Derivatives in threads, on a backend that changes, after edits of a file, and `first_nan` in the stress mode."""
 
 from __future__ import annotations
 
@@ -8,15 +8,20 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import dask
+import dask.array as da
 import numpy as np
 import pytest
 from stress.mode import stressed
 
 import shpy as sh
 from shpy import SH_BREAK, SH_FOR
+from shpy.run import tiers
+from tests.test_auto import EAGER, X as LONG, same
 
 RNG = np.random.default_rng(8)
 X, N = RNG.random(60).astype(np.float32), RNG.integers(0, 9, 60).astype(np.int32)
+PLACES = RNG.random((13, 17, 3)).astype(np.float32)
 heights = sh.Table(RNG.random((4, 5)), sh.Attrib1f, name="heights")
 
 
@@ -51,6 +56,76 @@ def test_threads_that_derive_at_once(backend: str, precision: Any) -> None:
         assert again == value
         assert np.array_equal(others, slopes)
     assert np.allclose(slopes, shared(X, N, backend="numpy", precision="f64")[1], rtol=1e-2)
+
+
+@sh.program
+def folded(x: sh.Attrib1f) -> sh.Attrib1f:
+    kept = sh.Array(sh.Attrib1f, [1, 2])
+
+    def f(q: Any) -> Any:
+        kept[1] = sh.exp(-q * q) * kept[0] + kept[1]
+        return kept[1] * q
+
+    return sh.gradient(f, mode="reverse")(x) + kept[1]
+
+
+def test_threads_share_a_gradient_while_auto_changes_its_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The function stores into an array around it, and is derived twice; OpenCL takes over with the same bits."""
+    for name, value in EAGER.items():
+        monkeypatch.setattr(tiers, name, value)
+    slopes = folded.gradient("x", mode="reverse")
+    kernel, expected, results = slopes.compile("auto"), slopes.compile("numpy")(LONG), list[Any]()
+    threads = [threading.Thread(target=lambda: results.extend(kernel(LONG) for _ in range(4))) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert kernel.runs_on == "opencl"
+    assert [same(result, expected) for result in results] == [True] * 16
+
+
+WEIGHT = sh.Param(sh.Attrib1f, 0.75, name="weight")
+
+
+@sh.subroutine
+def root(c: sh.Attrib1f) -> sh.Attrib1f:
+    x = sh.Attrib1f(1)
+    with SH_FOR(0, 12):
+        x -= (x * x * x + x - c) / (3 * x * x + 1)
+    return x
+
+
+@root.tangent
+def root_tangent(x: Any, c: Any, d_c: Any) -> Any:
+    return d_c / (3 * x * x + 1)
+
+
+@sh.program
+def bent(x: sh.Attrib3f, k: sh.Attrib1f) -> sh.Attrib1f:
+    return root(sh.dot(x, x) * WEIGHT) * sh.sin(k)
+
+
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
+def test_derivatives_are_computed_in_other_processes(mode: Any) -> None:
+    """A gradient by an input and a Param, through a rule of its own, and one whose function stores into an array."""
+
+    @sh.program
+    def placed(x: sh.Attrib3f, k: sh.Attrib1f) -> tuple[sh.Attrib3f, sh.Attrib1f]:
+        kept = sh.Array(sh.Attrib1f, [1, 2])
+
+        def f(q: Any) -> Any:
+            kept[1] = root(sh.dot(q, q) * WEIGHT) * kept[0] + kept[1]
+            return kept[1] * sh.sin(k)
+
+        return sh.gradient(f, mode=mode)(x), kept[1]
+
+    kernels = [p.compile("numpy") for p in (bent.gradient("x", WEIGHT, mode=mode, value=True), placed)]
+    expected = [array for kernel in kernels for array in kernel(PLACES, X[:17])]
+    cut = da.from_array(PLACES, chunks=(5, 17, 3))
+    blocks = [array for kernel in kernels for array in sh.map_blocks(kernel, cut, X[:17])]
+    with dask.config.set(scheduler="processes", num_workers=1):
+        for a, b in zip(dask.compute(*blocks), expected, strict=True):
+            assert a.tobytes() == b.tobytes()
 
 
 TEXT = """import shpy as sh
