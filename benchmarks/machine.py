@@ -16,20 +16,17 @@ import numpy as np
 
 import shpy as sh
 from benchmarks.peers import PEERS
+from shpy.command import processor
+
+_VECTORS = {"AVX-512": "avx512f", "AVX2": "avx2", "SSE 4.2": "sse4_2"}
+"""The flags by which Linux tells that a processor has these vectors, the widest ones first."""
 
 
-def processor() -> str:
-    """Return the processor's name and its widest vectors, as Linux tells them; the architecture elsewhere."""
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        return platform.processor() or platform.machine()
-    name = re.search(r"model name\s*: (.*)", text)
-    widest = next((w for w, flag in _VECTORS if re.search(rf"flags\s*:.*\b{flag}\b", text)), "")
-    return (name[1] if name else platform.machine()) + (f" with {widest}" if widest else "")
-
-
-_VECTORS = (("AVX-512", "avx512f"), ("AVX2", "avx2"), ("SSE 4.2", "sse4_2"))
+def vectors() -> str:
+    """Return the widest vectors of the processor, as Linux tells them, with a word before; else ""."""
+    listed = Path("/proc/cpuinfo")
+    flags = listed.read_text().partition("flags")[2].split() if listed.is_file() else []
+    return next((f" with {name}" for name, flag in _VECTORS.items() if flag in flags), "")
 
 
 def opencl_version() -> str:
@@ -46,7 +43,7 @@ def describe(peers: list[str]) -> dict[str, Any]:
     if "missing" not in devices["opencl"]:
         devices["opencl"] += ", " + opencl_version()
     return {
-        "processor": processor(),
+        "processor": processor() + vectors(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "system": platform.platform(),
         "python": platform.python_version(),

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import platform
 import re
 import signal
 import sys
@@ -54,6 +55,13 @@ def run(name: str, work: Callable[[], int], *, stopped: str = "stopped") -> int:
         return _say(name, str(error) or stopped, status_of(error))
     except MemoryError as error:
         return _say(name, f"there is not enough memory{f': {error}' if str(error) else ''}", 1)
+
+
+def processor() -> str:
+    """Return the name of the processor, as Linux tells it; elsewhere what Python knows, or the architecture."""
+    listed = Path("/proc/cpuinfo")
+    match = re.search(r"^model name\s*: (.*)$", listed.read_text(), re.MULTILINE) if listed.is_file() else None
+    return match[1] if match else platform.processor() or platform.machine()
 
 
 def status_of(error: KeyboardInterrupt) -> int:

@@ -13,7 +13,6 @@ import csv
 import dataclasses
 import io
 import os
-import platform
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -163,9 +162,7 @@ def counted_on(backends: Iterable[str]) -> str:
 def machine() -> str:
     """Return the processor, as the system names it, and how many cores this process may use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return f"{[*names, platform.processor() or platform.machine()][0]}, {cores} cores"
+    return f"{sh.command.processor()}, {cores} cores"
 
 
 def _without_pictures(values: dict[str, Any]) -> dict[str, Any]:

@@ -8,16 +8,15 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 from shpy.backend.base import Device
 from shpy.backend.registry import backend
+from shpy.command import processor
 from shpy.packages import DISTRIBUTION, installed
 from shpy.testing.certify.findings import SHOWN, DeviceChoice, Finding
 from shpy.testing.certify.golden import FILE
@@ -137,7 +136,7 @@ def certificate(results: Mapping[DeviceChoice, Sequence[SectionRun]], full: bool
         "machine": {
             "system": f"{platform.system()} {platform.release()}",
             "architecture": platform.machine(),
-            "processor": _processor(),
+            "processor": processor(),
             "cores": os.cpu_count(),
             "python": platform.python_version(),
             "packages": {name: installed(name) for name in _PACKAGES},
@@ -173,9 +172,3 @@ def _target(target: DeviceChoice, rans: Sequence[SectionRun]) -> dict[str, Any]:
 
 def _finding(finding: Finding) -> dict[str, Any]:
     return {name: value for name, value in asdict(finding).items() if value not in (None, "", ())}
-
-
-def _processor() -> str:
-    listed = Path("/proc/cpuinfo")
-    match = re.search(r"^model name\s*: (.*)$", listed.read_text(), re.MULTILINE) if listed.is_file() else None
-    return match[1] if match else platform.processor()
