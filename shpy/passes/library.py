@@ -84,8 +84,8 @@ def definition(name: str, types: tuple[Type, ...], formulas: Formulas = "doubles
         from shpy.passes.formulas.portable import FUNCTIONS
 
         base = "_d" if first.base is Base.D else ""
-        if formulas == "fast" and not base and name in fast.FUNCTIONS:
-            return define(f"{name}_fast{first.size if first.size > 1 else ''}", fast.FUNCTIONS[name], types)
+        if formulas == "fast" and name in fast.FUNCTIONS and (not base or name == "pow"):
+            return define(f"{name}_fast{base}{first.size if first.size > 1 else ''}", fast.FUNCTIONS[name], types)
         mode = "portable" if formulas in ("portable", "fast") and not base else "strict"
         return define(f"{name}_{mode}{base}{first.size if first.size > 1 else ''}", FUNCTIONS[name], types)
     if name in HALVES:

@@ -1,7 +1,8 @@
 """The functions of fast mode that a target lacks, by functions that it has.
 
 Stage: improve. A compiler that reassociates sums takes `(x + MAGIC) - MAGIC`, by which the formulas of portable mode
-round, for x. These have a relative error of some 2**-20 for numbers of ordinary size, and no promise at the edges.
+round, for x. These have a relative error of some 2**-20 for numbers of ordinary size, and no promise at the edges. They
+are for binary32, and `pow` for binary64 too.
 """
 
 from __future__ import annotations
@@ -33,6 +34,15 @@ def exp10(x: Term) -> Term:
 def cbrt(x: Term) -> Term:
     """Return the power of 1/3 of |x|, with the sign of x."""
     return x.op("sign") * abs(x).op("pow", 1 / 3)
+
+
+def pow_(x: Term, y: Term) -> Term:
+    """Return 2 to the y log2(|x|), negative for a negative x and an odd y; powers of 0 and by 0 are those of C99."""
+    a = abs(x).named("a")
+    size = where(a.equals(0), where(y < 0, x.constant(math.inf), 0.0), (y * a.op("log2")).op("exp2"))
+    half = (y * 0.5).named("half")
+    odd = half.op("floor").differs(half) & y.op("floor").equals(y)
+    return where(y.equals(0), 1.0, where((x < 0) & odd, -size, size.named("size")))
 
 
 def sinpi(x: Term) -> Term:
@@ -67,5 +77,6 @@ def erfc(x: Term) -> Term:
 
 
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
-    f.__name__: f for f in (expm1, log1p, exp10, cbrt, sinpi, cospi, erf, erfc)
+    "pow": pow_,
+    **{f.__name__: f for f in (expm1, log1p, exp10, cbrt, sinpi, cospi, erf, erfc)},
 }

@@ -102,7 +102,6 @@ class PacketOperations(ClOperations):
         """Return the name of OpenCL's function, of the compiler's, or of one of the prologue."""
         type = types[0]
         ours = op in _PROLOGUE if op not in ("min", "max") else type.is_float
-        ours = ours or (op == "pow" and type.base is Base.D)
         if op == "rsqrt" and self.unit.math == "relaxed" and isinstance(type, Lanes) and type.base is Base.F:
             name = name_of(op, type)
             if self.unit.prologue.rsqrt(name, near=True):

@@ -34,8 +34,8 @@ from shpy.backend.opencl.packets.prologue_memory import (
     spelled_wide,
     struct_text,
 )
-from shpy.backend.opencl.packets.widen import Lanes, rows_of
-from shpy.backend.opencl.text.prologue import SCALARS, Prologue, name_of
+from shpy.backend.opencl.packets.widen import rows_of
+from shpy.backend.opencl.text.prologue import SCALARS, Prologue
 from shpy.ir.types import Base, Type
 
 IN_REGISTERS: Final = 8
@@ -157,14 +157,6 @@ class PacketPrologue(Prologue):
         name = f"sh_{which}_lane_{base.value}"
         return self.ask(name, lambda: _extreme(name, which, SCALARS[base], self.lanes))
 
-    def written(self, op: str, type: Type) -> str | None:
-        """Return the function that computes `op`, or None where its definition is to be printed."""
-        if not isinstance(type, Lanes):
-            return super().written(op, type)
-        if op == "pow":
-            return _each_lane(name_of(op, type), op, spelled_wide(type), self.lanes)
-        return super().written(op, type)
-
     def _any(self) -> str:
         head = f"// True if any lane is set.\nbool sh_any(int{self.lanes} mask) {{\n"
         if self.lanes in self.abilities.signs:
@@ -281,15 +273,6 @@ def _extreme(name: str, which: str, scalar: str, lanes: int) -> str:
 
 def _each(lanes: int) -> list[str]:
     return [lane_of(k, lanes) for k in range(lanes)]
-
-
-def _each_lane(name: str, op: str, wide: str, lanes: int) -> str:
-    calls = ", ".join(f"{op}(a{h}, b{h})" for h in _each(lanes))
-    return f"""\
-// One lane after the other: PoCL's {op} of many doubles is wrong beside an infinity.
-{wide} {name}({wide} a, {wide} b) {{
-    return ({wide})({calls});
-}}"""
 
 
 def _flat(name: str, index: str, rank: int, lanes: int) -> str:
