@@ -25,7 +25,6 @@ def mixed(x: sh.Attrib1i, t: sh.Attrib1i) -> None:
         t[:] = 3 * t + k
 
 
-@sh.program
 def breaks_of_one_iteration(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t = sh.Attrib1i(x)
     with SH_DO():
@@ -34,7 +33,6 @@ def breaks_of_one_iteration(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     return t
 
 
-@sh.program
 def breaks_before_a_break(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t = sh.Attrib1i(x)
     with SH_WHILE(lambda: t != 7):
@@ -43,7 +41,6 @@ def breaks_before_a_break(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     return t
 
 
-@sh.program
 def continues_of_one_iteration(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t = sh.Attrib1i(x)
     with SH_FOR(0, 1):
@@ -51,7 +48,6 @@ def continues_of_one_iteration(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     return t
 
 
-@sh.program
 def continues(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t = sh.Attrib1i(x)
     with SH_FOR(0, n):
@@ -59,7 +55,6 @@ def continues(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     return t
 
 
-@sh.program
 def both_in_an_inner_loop(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t, rounds = sh.Attrib1i(x), sh.Attrib1i(0)
     with SH_WHILE(lambda: rounds < n):
@@ -71,7 +66,6 @@ def both_in_an_inner_loop(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     return t
 
 
-@sh.program
 def a_break_of_one_iteration_first(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t = sh.Attrib1i(x)
     with SH_DO():
@@ -82,7 +76,6 @@ def a_break_of_one_iteration_first(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1
     return t + n
 
 
-@sh.program
 def both_before_a_condition_at_the_end(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t, rounds = sh.Attrib1i(x), sh.Attrib1i(0)
     with SH_DO():
@@ -93,7 +86,6 @@ def both_before_a_condition_at_the_end(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Att
     return t
 
 
-@sh.program
 def breaks_before_a_value_of_the_body(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t, rounds = sh.Attrib1i(x), sh.Attrib1i(0)
     with SH_DO():
@@ -104,7 +96,6 @@ def breaks_before_a_value_of_the_body(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attr
     return t + rounds
 
 
-@sh.program
 def a_choice_of_exits_at_the_end(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t = sh.Attrib1i(x)
     with SH_WHILE(lambda: t != 7):
@@ -117,7 +108,6 @@ def a_choice_of_exits_at_the_end(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     return t
 
 
-@sh.program
 def a_choice_of_returns_at_the_end(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t = sh.Attrib1i(x)
     for k in range(MANY):
@@ -139,12 +129,11 @@ def found(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     return t
 
 
-@sh.program
 def returns_of_a_subroutine(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     return found(x, n) + found(x + 1, n)
 
 
-PROGRAMS = [
+FUNCTIONS = [
     breaks_of_one_iteration,
     breaks_before_a_break,
     continues_of_one_iteration,
@@ -157,11 +146,13 @@ PROGRAMS = [
     a_choice_of_returns_at_the_end,
     returns_of_a_subroutine,
 ]
+"""Recorded by the tests that run: each has hundreds of statements."""
 
 
 @pytest.mark.sampled(6)
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.name)
-def test_all_exits_of_a_loop_are_taken(program):
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)
+def test_all_exits_of_a_loop_are_taken(function):
+    program = sh.program(function)
     x = np.arange(-3, 120, dtype=np.int32)
     for n in (np.int32(3), (x % 4).astype(np.int32)):
         expected = program.compile("numpy")(x, n)
@@ -170,13 +161,13 @@ def test_all_exits_of_a_loop_are_taken(program):
 
 
 def test_the_exits_of_a_sheltered_loop_leave_a_loop_of_one_iteration():
-    source = continues.compile("glsl").source
+    source = sh.program(continues).compile("glsl").source
     assert source.count("while (sh_running) {  // one iteration: so that exits do not nest what follows them") == 1
     assert source.count("continue;") == 0
     assert source.count("if (sh_nothing == 0u) {") == 1
 
 
 def test_a_loop_with_few_exits_has_no_shelter():
-    module = continues.ir
+    module = sh.program(continues).ir
     assert shelter_loops(module, 200) == module
     assert shelter_loops(module, 72) != module
