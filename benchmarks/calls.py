@@ -4,12 +4,13 @@ python -m benchmarks --only calls
 """
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
-from benchmarks.rounds import in_turns
+from benchmarks.rounds import Apart, in_turns, peer_run
 from benchmarks.tables import Setup, Table
 from benchmarks.work import Run
 
@@ -28,17 +29,19 @@ def increment(x: sh.Attrib1f) -> sh.Attrib1f:
 def calls(setup: Setup) -> Table:
     """Microseconds of a call: the median of the rounds' means, their quartiles, and the best mean."""
     x = np.arange(COUNT, dtype=np.float32)
-    runs: dict[str, tuple[Run, int]] = {"shpy, plain call": (lambda: increment(x), 1)}
+    runs: dict[str, tuple[Run | Apart, int]] = {"shpy, plain call": (lambda: increment(x), 1)}
     for info in sh.backends():
         if info.available:
             runs |= _ours(info.name, x)
-    for label, make in (PEERS[name] for name in setup.started(*PEERS)):
-        runs[label] = make(x), 1
     rounds = 2 if setup.quick else ROUNDS
-    calls = {name: 5 if setup.quick else max(CALLS // parts, 10) for name, (_, parts) in runs.items()}
-    warm = {name: run for name, (run, _) in runs.items()}
-    in_turns(warm, 1, calls)  # compiles and settles
-    seconds = {name: np.divide(t.seconds, runs[name][1]) for name, t in in_turns(warm, rounds, calls).items()}
+    with ExitStack() as ending:
+        for name in setup.installed(*PEERS):
+            label, make = PEERS[name]
+            runs[label] = ending.enter_context(peer_run(name, make, x)), 1
+        calls = {name: 5 if setup.quick else max(CALLS // parts, 10) for name, (_, parts) in runs.items()}
+        warm = {name: run for name, (run, _) in runs.items()}
+        in_turns(warm, 1, calls)  # compiles and settles
+        seconds = {name: np.divide(t.seconds, runs[name][1]) for name, t in in_turns(warm, rounds, calls).items()}
     rows = []
     for name, means in seconds.items():
         low, middle, high = np.percentile(1e6 * means, (25, 50, 75))
@@ -74,6 +77,10 @@ def _ours(backend: str, x: np.ndarray) -> dict[str, tuple[Run, int]]:
     }
 
 
+def _numpy(x: np.ndarray) -> Run:
+    return lambda: x + np.float32(1)
+
+
 def _numba(x: np.ndarray) -> Run:
     from numba import vectorize
 
@@ -89,7 +96,7 @@ def _jax(x: np.ndarray) -> Run:
 
 
 PEERS: dict[str, tuple[str, Callable[..., Run]]] = {
-    "masks": ("numpy", lambda x: lambda: x + np.float32(1)),
+    "masks": ("numpy", _numpy),
     "numba": ("numba", _numba),
     "jax": ("JAX", _jax),
 }

@@ -9,7 +9,8 @@ where they are installed, read and write arrays of their own, one for each compo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
@@ -18,9 +19,10 @@ import numpy as np
 
 import shpy as sh
 from benchmarks import peers
-from benchmarks.rounds import in_turns
+from benchmarks.rounds import Apart, in_turns, peer_run
 from benchmarks.studies import backend
 from benchmarks.tables import Setup, Table
+from benchmarks.work import Run
 from shpy import SH_FOR
 
 ELEMENTS, ROUNDS = 1_000_000, 9
@@ -151,16 +153,18 @@ def with_drjit(f: Any, wrt: slice, arrays: Any) -> Callable[[], Any]:
     return both
 
 
-def runs_of_peers(setup: Setup, f: Any, wrt: slice, arrays: Any) -> dict[str, Callable[[], Any]]:
-    """Return the runs of the setup's peers, by their labels."""
+def runs_of_peers(setup: Setup, ending: ExitStack, f: Any, wrt: slice, arrays: Any) -> dict[str, Apart]:
+    """Return the runs of the setup's peers, by their labels, in processes that end with a block."""
     makers = {"jax": with_jax, "drjit": with_drjit}
-    return {peers.PEERS[name].label: makers[name](f, wrt, arrays) for name in setup.started(*makers)}
+    return {
+        peers.PEERS[name].label: ending.enter_context(peer_run(name, makers[name], f, wrt, arrays))
+        for name in setup.installed(*makers)
+    }
 
 
-def check(way: str, values: Any, slopes: Any, own: Any) -> None:
+def check(way: str, numbers: Sequence[np.ndarray], own: Sequence[np.ndarray]) -> None:
     """Raise ArithmeticError where a peer's finite numbers are others than ours: another program was timed."""
-    for a, b in zip([values, *slopes], own, strict=True):
-        a = np.asarray(a)
+    for a, b in zip(numbers, own, strict=True):
         with np.errstate(invalid="ignore"):
             off = np.abs(a - b) > 1e-3 * (1 + np.abs(b))
         if off.mean() > 1e-3:
@@ -190,12 +194,13 @@ def timed(
     streams: list[sh.Stream],
     target: str,
     quick: bool,
-    others: Mapping[str, Callable[[], Any]] = MappingProxyType({}),
+    others: Mapping[str, Apart] = MappingProxyType({}),
 ) -> dict[str, list[float]]:
     """Return the seconds of each round of programs over the same streams, and of other runs."""
     kernels = {way: program.compile(target) for way, program in ways.items()}
     runs = {way: partial(waiting, kernel, streams, kernel(*streams)) for way, kernel in kernels.items()}
-    return {way: times.seconds for way, times in in_turns({**runs, **others}, 2 if quick else ROUNDS).items()}
+    every: dict[str, Run | Apart] = {**runs, **others}
+    return {way: times.seconds for way, times in in_turns(every, 2 if quick else ROUNDS).items()}
 
 
 def gradients(setup: Setup) -> Table:
@@ -203,7 +208,7 @@ def gradients(setup: Setup) -> Table:
     count, target = (1_000 if setup.quick else ELEMENTS), backend()
     array = np.random.default_rng(3).normal(size=(count, 3)).astype(np.float32)
     points = sh.Stream(array, sh.Attrib3f, target)
-    rows, rounds, others = [], {}, []
+    rows, rounds, others = [], {}, dict[str, Apart]()
     for name, program in PROGRAMS.items():
         ways = {
             "value": program,
@@ -211,11 +216,12 @@ def gradients(setup: Setup) -> Table:
             "reverse": program.gradient("p", value=True, mode="reverse"),
             "differences": differences(program),
         }
-        others = runs_of_peers(setup, OF_PEERS[name], slice(0, 3), array.T)
         value, slope = ways["forward"].compile(target)(array)
-        for peer, run in others.items():
-            check(f"{peer}, {name},", *run(), [value, *slope.T])
-        seconds = {way: np.array(each) for way, each in timed(ways, [points], target, setup.quick, others).items()}
+        with ExitStack() as ending:
+            others = runs_of_peers(setup, ending, OF_PEERS[name], slice(0, 3), array.T)
+            for peer, run in others.items():
+                check(f"{peer}, {name},", run(0), [value, *slope.T])
+            seconds = {way: np.array(each) for way, each in timed(ways, [points], target, setup.quick, others).items()}
         whole, forward = seconds["value"], seconds["forward"]
         cells = [f"{np.median(seconds[way] / whole):.2f}" for way in list(ways)[1:]]
         for peer in others:
@@ -309,7 +315,7 @@ def fitting(setup: Setup) -> Table:
     step, step_through = sh.value_and_gradient(misfit, SHEET), sh.value_and_gradient(through, FIELD)
     index = sh.Stream(random.integers(0, 64 * 64, (size, size)), sh.Attrib1i, target)
     kernel = misfit.compile(target)
-    runs: dict[str, Callable[[], Any]] = {
+    runs: dict[str, Run | Apart] = {
         "value, streams": lambda: kernel(*streams).sum(),
         "four scatters, streams": lambda: [sh.scatter(streams[1], index, 4096, combine=add).numpy() for _ in range(4)],
         "step, streams": lambda: step(*streams),
@@ -318,13 +324,13 @@ def fitting(setup: Setup) -> Table:
     }
     value, slopes = step(*streams)
     of_peers = (SHEET.table.host_array().ravel(), *np.moveaxis(arrays[0], -1, 0), arrays[1])
-    for peer, run in runs_of_peers(setup, misfit_of, slice(0, 1), [a.ravel() for a in of_peers]).items():
-        errors, by_sheet = run()
-        check(peer, np.sum(errors), by_sheet, [value, slopes.ravel()])
-        runs[f"step, {peer}"] = run
-    for run in runs.values():
-        run()
-    times = in_turns(runs, 2 if setup.quick else ROUNDS)
+    with ExitStack() as ending:
+        for peer, run in runs_of_peers(setup, ending, misfit_of, slice(0, 1), [a.ravel() for a in of_peers]).items():
+            errors, by_sheet = run(0)
+            check(peer, [np.sum(errors), by_sheet], [value, slopes.ravel()])
+            runs[f"step, {peer}"] = run
+        in_turns(runs, 1)
+        times = in_turns(runs, 2 if setup.quick else ROUNDS)
     rows = [[way, f"{1e3 * np.median(t.seconds):.2f}", f"{1e3 * np.median(t.cpu):.2f}"] for way, t in times.items()]
     note = f"A texture of 64 x 64, filtered linearly, and {size} x {size} places on {target}: medians."
     return Table("fitting", note, ["", "ms", "ms of CPU"], rows, {way: t.seconds for way, t in times.items()})

@@ -18,7 +18,7 @@ import multiprocessing
 import signal
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import peers
 from benchmarks.work import OURS, Agreement, Run, Work, judge
 
 ENOUGH = 0.02
@@ -88,17 +89,26 @@ class Times:
     cpu: list[float] = field(default_factory=list)
 
 
-def in_turns(runs: Mapping[str, Run], rounds: int, calls: Mapping[str, int] | None = None) -> dict[str, Times]:
-    """Time runs in turns: in each round a pause, a warm-up call, and the mean of one timed call, or of `calls`."""
+def sample(run: Run, calls: int) -> tuple[list[float], float]:
+    """Return the seconds of each call, and the CPU seconds of one."""
+    busy = time.process_time()
+    durations = [once(run) for _ in range(calls)]
+    return durations, (time.process_time() - busy) / calls
+
+
+def in_turns(runs: Mapping[str, Run | Apart], rounds: int, calls: Mapping[str, int] | None = None) -> dict[str, Times]:
+    """Time runs in turns: in each round a pause, a warm-up call, and the mean of one timed call, or of `calls`.
+
+    A run may be a `PeerRun` in a process of its own.
+    """
     times = {name: Times() for name in runs}
     for _ in range(rounds):
         for name, run in runs.items():
             count = calls[name] if calls else 1
             time.sleep(PAUSE)
-            run()
-            busy = time.process_time()
-            times[name].seconds.append(sum(once(run) for _ in range(count)) / count)
-            times[name].cpu.append((time.process_time() - busy) / count)
+            durations, busy = run(count) if isinstance(run, Apart) else (run(), sample(run, count))[1]
+            times[name].seconds.append(sum(durations) / count)
+            times[name].cpu.append(busy)
     return times
 
 
@@ -126,17 +136,44 @@ class Ready:
 
     def __call__(self, calls: int | None) -> Any:
         """Return the seconds of the first call and its answer, or for a number of `calls` the CPU seconds of one."""
-        if calls is None:
-            return self.first, self.answer
-        busy = time.process_time()
-        durations = [once(self.run) for _ in range(calls)]
-        return durations, (time.process_time() - busy) / calls
+        return (self.first, self.answer) if calls is None else sample(self.run, calls)
+
+
+class PeerRun:
+    """A run of a peer, which `make` makes of `arguments` once the peer has started."""
+
+    def __init__(self, peer: str, make: Callable[..., Run], arguments: Sequence[Any]) -> None:
+        peers.start(peer)
+        self.run = make(*arguments)
+
+    def __call__(self, calls: int) -> Any:
+        """Return the numbers of a call, or for a number of `calls` above 0 their `sample` after a warm-up call."""
+        result = self.run()
+        return sample(self.run, calls) if calls else list(_arrays(result))
+
+
+def _arrays(result: Any) -> Iterator[np.ndarray]:
+    """Yield the arrays of a peer's result."""
+    if isinstance(result, tuple | list):
+        for part in result:
+            yield from _arrays(part)
+    else:
+        yield np.array(result)
+
+
+def peer_run(peer: str, make: Callable[..., Run], *arguments: Any) -> Apart:
+    """Return a `PeerRun` in a process of its own."""
+    return Apart(partial(PeerRun, peer, make, arguments), f"{peers.PEERS[peer].label}: ")
 
 
 class Apart:
-    """A function in a new process, which makes it by `make`, a pickle; the process ends with the `with` block."""
+    """A function in a new process, which makes it by `make`, a pickle; the process ends with the `with` block.
 
-    def __init__(self, make: Callable[[], Callable[[Any], Any]]) -> None:
+    Errors begin with `label`.
+    """
+
+    def __init__(self, make: Callable[[], Callable[[Any], Any]], label: str = "") -> None:
+        self.label = label
         context = multiprocessing.get_context("spawn")
         self.pipe, there = context.Pipe()
         self.process = context.Process(target=_serve, args=(make, there), daemon=True)
@@ -155,15 +192,15 @@ class Apart:
             self.pipe.send(argument)
             if not self.pipe.poll(LIMIT):
                 self.process.kill()
-                raise Failed(f"it gave no answer in {LIMIT:g} s")
+                raise Failed(f"{self.label}it gave no answer in {LIMIT:g} s")
             result, error = self.pipe.recv()
         except (EOFError, OSError):
             self.process.join()
             status = self.process.exitcode or 0
             how = signal.Signals(-status).name if status < 0 else f"exit status {status}"
-            raise Failed(f"its process ended by {how}") from None
+            raise Failed(f"{self.label}its process ended by {how}") from None
         if error:
-            raise Failed(error)
+            raise Failed(self.label + error)
         return result
 
     def __exit__(self, *_: object) -> None:

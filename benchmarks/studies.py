@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 import tracemalloc
 from collections.abc import Sequence
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
@@ -18,8 +19,9 @@ import numpy as np
 
 import shpy as sh
 from benchmarks import frames, rays
-from benchmarks.rounds import in_turns
+from benchmarks.rounds import Apart, in_turns, peer_run
 from benchmarks.tables import Setup, Table
+from benchmarks.work import Run
 from raytracer import Instance, Mesh, PointLight, Scene
 from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import knot
@@ -42,23 +44,21 @@ def triangles(setup: Setup) -> Table:
     """Measure rays per second over knots of 1,000 to 1,000,000 triangles."""
     size = 32 if setup.quick else 512
     compiled = partial(sh.Program.compile, backend=backend())
-    with_mitsuba = not setup.quick and setup.started("mitsuba")
     rows, rounds = [], {}
     names = ["primary", "secondary", "Mitsuba, primary", "Mitsuba, secondary"]
     for segments, sides in [(50, 10)] if setup.quick else [(50, 10), (160, 32), (500, 100), (1600, 320)]:
         knotted = knot(segments=segments, sides=sides)
         ray_arrays = rays.secondary_rays(knotted, size)
-        runs = [
+        runs: list[Run | Apart] = [
             rays.ours_primary(compiled, size, knotted, False),
             rays.ours_given(compiled, *ray_arrays, knotted, False),
         ]
-        if with_mitsuba:
-            runs += [
-                rays.mitsuba(size, mesh=knotted, any_hit=False),
-                rays.mitsuba(*ray_arrays, mesh=knotted, any_hit=False),
-            ]
         counts = [size * size, len(ray_arrays[0])] * 2
-        times = in_turns(dict(zip(names, runs, strict=False)), ROUNDS)
+        with ExitStack() as ending:
+            for peer in setup.installed("mitsuba"):
+                maker = partial(rays.mitsuba, mesh=knotted, any_hit=False)
+                runs += [ending.enter_context(peer_run(peer, maker, *start)) for start in ((size,), ray_arrays)]
+            times = in_turns(dict(zip(names, runs, strict=False)), ROUNDS)
         rates = [rate(n, min(t.seconds)) for n, t in zip(counts, times.values(), strict=False)]
         rows.append([f"{len(knotted):,}", *rates])
         rounds |= {f"{len(knotted):,}, {name}": t.seconds for name, t in times.items()}

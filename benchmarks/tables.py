@@ -24,13 +24,6 @@ class Setup:
         """Return those of these peers that it may use and that are installed."""
         return peers.available([name for name in names if name in self.peers])[0]
 
-    def started(self, *names: str) -> list[str]:
-        """Return the same peers, which are started."""
-        present = self.installed(*names)
-        for name in present:
-            peers.start(name)
-        return present
-
 
 @dataclass(frozen=True)
 class Table:

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import threading
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import pages
 from texts import TEXTS
 
-from benchmarks import answers, command, gradients, peers, report, rounds, startup
+from benchmarks import answers, calls, command, gradients, peers, report, rounds, startup
 from benchmarks.tables import Setup, Table
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
@@ -69,11 +70,11 @@ def toy(**versions):
 
 
 def test_contenders_take_turns():
-    work, calls = Work("toy", "", lambda size: (), 1, 1, within=0), []
+    work, called = Work("toy", "", lambda size: (), 1, 1, within=0), []
     for name in ("a", "b"):
-        work.version(name)(lambda name=name: lambda: calls.append(name) or 0)
+        work.version(name)(lambda name=name: lambda: called.append(name) or 0)
     measured = rounds.run(work, 1, ["a", "b"], rounds=3)
-    order = [name for k, name in enumerate(calls) if k == 0 or calls[k - 1] != name]
+    order = [name for k, name in enumerate(called) if k == 0 or called[k - 1] != name]
     assert order == ["a", "b"] * 4
     assert [len(s) for s in measured.seconds.values()] == [3, 3]
 
@@ -277,15 +278,26 @@ def test_a_run_that_is_stopped_says_where_its_results_are(monkeypatch, tmp_path,
 
 def test_studies_leave_out_peers_that_are_not_asked_for(monkeypatch):
     monkeypatch.setattr(peers, "available", lambda names: (names, {}))
-    monkeypatch.setattr(peers, "start", lambda name: None)
     monkeypatch.setattr(peers.Peer, "version", "1.0")
-    monkeypatch.setattr(gradients, "with_jax", lambda f, wrt, arrays: "run")
+    monkeypatch.setattr(gradients, "peer_run", lambda peer, *_: nullcontext(peer))
     seen = []
     monkeypatch.setitem(command.STUDIES, "fitting", lambda setup: seen.append(setup) or CALLS)
     for text in ("none", "masks,jax"):
         assert command.main(["--only", "fitting", "--quick", "--peers", text]) == 0
-    runs = [gradients.runs_of_peers(setup, None, slice(1), ()) for setup in seen]
-    assert runs == [{}, {"JAX": "run"}]
+    with ExitStack() as ending:
+        runs = [gradients.runs_of_peers(setup, ending, None, slice(1), ()) for setup in seen]
+    assert runs == [{}, {"JAX": "jax"}]
+
+
+def test_peers_of_studies_have_processes_of_their_own(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    with rounds.peer_run("masks", calls.PEERS["masks"][1], np.arange(3)) as run:
+        assert run(0)[0].tolist() == [1, 2, 3]
+        times = rounds.in_turns({"numpy": run, "here": list}, 3)
+        assert all(len(t.seconds) == len(t.cpu) == 3 and min(t.seconds) > 0 for t in times.values())
+    with rounds.peer_run("masks", os.abort) as run, pytest.raises(rounds.Failed) as error:
+        run(0)
+    assert str(error.value) == "numpy, plain masks: its process ended by SIGABRT"
 
 
 SLOW = pytest.mark.slow
