@@ -41,17 +41,19 @@ LEVELS = 2
 """Levels above the clusters, as a multiple of those of a balanced tree, after which nodes are split in the middle."""
 
 
-def build_bvh(corners: NDArray[np.floating], dtype: DTypeLike = np.float32, backend: str = "numpy") -> Bvh:
+def build_bvh(
+    corners: NDArray[np.floating], dtype: DTypeLike = np.float32, backend: str = "numpy", leaf: int = MAX_LEAF
+) -> Bvh:
     """Build the BVH of triangles with `corners` (N, 3, 3), N > 0; boxes hold them when rounded to `dtype`.
 
-    The backend on which large meshes are joined makes no difference to the tree.
+    A leaf has at most `leaf` triangles. The backend on which large meshes are joined makes no difference to the tree.
     """
     triangles = np.asarray(corners, dtype=np.float64).reshape(-1, 3, 3)
     backend = target_for(len(triangles), backend)
     unit, sides = _boxes(triangles, np.dtype(dtype))
     order = morton_order((unit[:3] - unit[3:]).T)
     tree = _merged([side.take(order) for side in unit], backend)
-    return _linked(_numbered(tree, order), sides)
+    return _linked(_numbered(tree, order, leaf), sides)
 
 
 def _boxes(triangles: NDArray[np.float64], dtype: np.dtype[Any]) -> tuple[Floats, Bounds]:
@@ -195,13 +197,13 @@ class _Numbering:
     inner: list[Ints]
 
 
-def _numbered(tree: _Tree, order: Ints) -> _Numbering:
-    """Give the nodes numbers, depth first; a node of `MAX_LEAF` triangles or fewer is a leaf."""
+def _numbered(tree: _Tree, order: Ints, most: int) -> _Numbering:
+    """Give the nodes numbers, depth first; a node of `most` triangles or fewer is a leaf."""
     count, total = tree.count, tree.total
     size = np.ones(len(count), np.int64)  # nodes of each subtree
     for own in tree.rounds:
         nodes = slice(own.start + total, own.stop + total)
-        size[nodes] += np.where(count[nodes] > MAX_LEAF, size[tree.left[own]] + size[tree.right[own]], 0)
+        size[nodes] += np.where(count[nodes] > most, size[tree.left[own]] + size[tree.right[own]], 0)
     begin, number = np.zeros((2, len(count)), np.int64)
     there = np.zeros(len(count), bool)
     there[-1] = True
@@ -211,7 +213,7 @@ def _numbered(tree: _Tree, order: Ints) -> _Numbering:
         nodes = slice(own.start + total, own.stop + total)
         left, right = tree.left[own], tree.right[own]
         begin[left], begin[right] = begin[nodes], begin[nodes] + count[left]
-        is_inner = np.flatnonzero(count[nodes] > MAX_LEAF)
+        is_inner = np.flatnonzero(count[nodes] > most)
         left, right = left[is_inner], right[is_inner]
         node = number[nodes][is_inner]
         one, other = node + 1, node + 1 + size[left]
@@ -221,7 +223,7 @@ def _numbered(tree: _Tree, order: Ints) -> _Numbering:
         rows[node, 1] = tree.axis[own][is_inner]
     items = np.empty(total, np.int64)
     items[begin[:total]] = order
-    leaves = np.flatnonzero(there & (count <= MAX_LEAF))
+    leaves = np.flatnonzero(there & (count <= most))
     leaf = np.stack([number[leaves], begin[leaves], count[leaves]])
     rows[leaf[0], 0] = -1 - (leaf[1] << COUNT_BITS | leaf[2])
     return _Numbering(items, rows, leaf, inner)
@@ -232,7 +234,7 @@ def _linked(tree: _Numbering, sides: Bounds) -> Bvh:
     boxes = np.empty((len(tree.rows), 6), sides.dtype)
     number, begin, count = tree.leaf
     # The first triangle of each leaf, the second, and so on; of a leaf with fewer, the last one again.
-    members = (tree.items.take(begin + np.minimum(k, count - 1)) for k in range(MAX_LEAF))
+    members = (tree.items.take(begin + np.minimum(k, count - 1)) for k in range(int(count.max())))
     boxes[number] = reduce(np.minimum, (sides.take(member, axis=0) for member in members))
     for node, one, other in reversed(tree.inner):
         boxes[node] = np.minimum(boxes.take(one, axis=0), boxes.take(other, axis=0))

@@ -1,21 +1,21 @@
 """Two levels of hierarchies: one for each distinct part, and one over the boxes of the places where parts stand.
 
 Stage: accelerate. Takes the corners of parts in coordinates of their own, and instances: a part and a matrix to the
-scene's coordinates. Gives one `Bvh` for both levels, and the table of instances, which `kernels.instances` reads. Node
-0 is the root of the upper level. A leaf there is one instance: its link is that of a leaf of no triangles, and has the
-number of the instance in the place of the first triangle.
+scene's coordinates. Gives `TwoLevels`, which `kernels.instances` and `kernels.wide_instances` read. Instances that
+move get another upper level, and the parts stay as they are.
 
 >>> corner = np.eye(3)[None]
 >>> there = np.eye(4)[:3] + np.array([0, 0, 0, 2.0])
->>> levels = build_two_levels([corner], [0, 0], np.stack([np.eye(4)[:3], there]))
->>> len(levels.bvh.items), levels.bvh.high[0].round(3).tolist()
+>>> levels = TwoLevels.of([corner], [0, 0], np.stack([np.eye(4)[:3], there]), [0], [0, 1])
+>>> len(levels.order), levels.top.high[0].round(3).tolist()
 (1, [3.0, 3.0, 3.0])
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -28,78 +28,132 @@ from raytracer.accel.ploc import build_bvh
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ROWS: Final = 9
-"""Rows of an instance: three of its matrix, three of the matrix of normals, three of the inverse matrix."""
+ROWS: Final = 10
+"""Rows of an instance: three of its matrix, three of the matrix of normals, three of the inverse matrix, and one."""
+BESIDE: Final = 1 / 3
+"""The largest distance of corners from their triangle's plane: a rounding of the reach for each of two corners, of
+which a bound takes 6 (`AheadBound`). The reach counts products 10 times, enough for the 8 roundings of the normal."""
 _CUT: Final = 64
 """Boxes of a part that are placed to get the box of an instance, at most."""
 _ROUNDINGS: Final = 2
 """Roundings of the `reach` by which boxes of instances grow: a kernel's corners have one."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class TwoLevels:
-    """The nodes of both levels, and I instances of the parts.
+    """The hierarchies of `parts`, I instances of them, and the hierarchy `top`, whose leaves are one instance each.
 
-    `rows` (9 I, 4) float32 are for each instance the matrix (3, 4) from the part's coordinates to the scene's; the
-    matrix (3, 3) for normals, its largest entry 1, and the `reach`; and the inverse of the first three columns. The
-    reach (3,) bounds the roundings of coordinates: the offset, which is added last, and 8 times the largest product of
-    the matrix and a corner. It is 0 where the matrix is the identity. The last column of the inverse has the factor of
-    a plane's distance from 0 beside the matrix for normals; 1 for the identity, otherwise 0; and -1 for a matrix that
-    mirrors, otherwise 1. `numbers` (I, 2) int32 are the root of the instance's part, and its first triangle in the
-    order of all instances, less the part's first one. `boxes` (I, 2, 3) are the corners of the instances' boxes.
+    `part_of` (I,) is the part of each instance. `rows` (10 I, 4) float32 are for each instance the matrix (3, 4) from
+    the part's coordinates to the scene's; the matrix (3, 3) for normals, its largest entry 1, and the `reach`; the
+    inverse of the first three columns; and the `BESIDE` part of the reach along the part's axes, as a normal sees it.
+    The reach (3,) bounds the roundings of coordinates: the offset, which is added last, and 10 times the largest
+    product of the matrix and a corner. It is 0 where the matrix is the identity, and only there. The last column of the
+    inverse ends in -1 for a matrix that mirrors, otherwise 1. The last number is the factor of a plane's distance from
+    0 beside the matrix for normals. `boxes` (I, 2, 3) are the corners of the instances' boxes.
+
+    The triangles are numbered part by part. Triangle k of instance i has the number `order[k] + firsts[i]` among those
+    of all instances; `order` (N,) and `firsts` (I,) are int32.
     """
 
-    bvh: Bvh
+    parts: Sequence[Bvh]
+    part_of: Ints
     rows: NDArray[np.float32]
-    numbers: NDArray[np.int32]
     boxes: NDArray[np.floating]
+    top: Bvh
+    order: NDArray[np.int32]
+    firsts: NDArray[np.int32]
+
+    @classmethod
+    def of(
+        cls,
+        parts: Sequence[Floats],
+        part_of: ArrayLike,
+        matrices: Floats,
+        order: ArrayLike,
+        firsts: ArrayLike,
+        backend: str = "numpy",
+    ) -> TwoLevels:
+        """Build the hierarchies of parts, each of corners (n, 3, 3), and the one over instances.
+
+        `matrices` (I, 3, 4) take the instances to their places. They have inverses.
+        """
+        built = [build_bvh(corners, np.float32, backend) for corners in parts]
+        chosen = np.asarray(part_of, np.int64)
+        rows, boxes = _placed(built, chosen, matrices)
+        numbers = (np.asarray(values, np.int32) for values in (order, firsts))
+        return cls(built, chosen, rows, boxes, _over(boxes), *numbers)
+
+    def moved(self, numbers: Ints, matrices: Floats) -> TwoLevels:
+        """Return the levels after instances of these numbers (n,) have moved; `matrices` (n, 3, 4) as in `of`."""
+        rows, boxes = self.rows.reshape(-1, ROWS, 4).copy(), self.boxes.copy()
+        own_rows, boxes[numbers] = _placed(self.parts, self.part_of[numbers], matrices)
+        rows[numbers] = own_rows.reshape(-1, ROWS, 4)
+        return replace(self, rows=rows.reshape(-1, 4), boxes=boxes, top=_over(boxes))
+
+    @property
+    def starts(self) -> Ints:
+        """The first triangle of each part, and the number of all."""
+        return np.cumsum([0, *(len(part.items) for part in self.parts)])
+
+    @property
+    def roots(self) -> Ints:
+        """The root of each part among the nodes of `bvh`, and the number of all."""
+        return np.cumsum([len(self.top.low), *(len(part.low) for part in self.parts)])
+
+    @property
+    def top_links(self) -> NDArray[np.int32]:
+        """The links of `top` (8, 2 I - 1, 2); that of a leaf, of no triangles, has the number of its instance."""
+        links = self.top.links.copy()
+        leaves = np.flatnonzero(links[0, :, 0] < 0)
+        places = (-1 - links[0, leaves, 0]) >> COUNT_BITS
+        links[:, leaves, 0] = -1 - (self.top.items[places] << COUNT_BITS)
+        return links
+
+    @cached_property
+    def bvh(self) -> Bvh:
+        """The nodes of both levels, those of `top` first."""
+        starts, roots = self.starts, self.roots
+        shape = int(roots[-1]), 3
+        bvh = Bvh(
+            np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.full((8, shape[0], 2), END, np.int32),
+            np.concatenate([part.items + start for part, start in zip(self.parts, starts, strict=False)]),
+        )  # fmt: skip
+        put_part(bvh, replace(self.top, links=self.top_links), 0, 0, END)
+        for part, root, start in zip(self.parts, roots, starts, strict=False):
+            put_part(bvh, part, int(root), int(start), END)
+        return replace(bvh, items=bvh.items.astype(np.int32))
 
     @property
     def bytes(self) -> int:
         """The size of all tables."""
-        return self.bvh.bytes + self.rows.nbytes + self.numbers.nbytes
+        return self.bvh.bytes + sum(table.nbytes for table in (self.rows, self.order, self.firsts))
 
 
-def build_two_levels(
-    parts: Sequence[Floats], part_of: ArrayLike, matrices: Floats, backend: str = "numpy"
-) -> TwoLevels:
-    """Build the hierarchies of parts, each of corners (n, 3, 3), and the one over instances.
+def _over(boxes: NDArray[np.floating]) -> Bvh:
+    """Return the hierarchy over the boxes (I, 2, 3) of instances."""
+    return build_bvh(boxes[:, [0, 1, 0]], leaf=1)
 
-    `part_of` (I,) is the part of each instance, `matrices` (I, 3, 4) take it to its place. They have inverses. The
-    triangles are numbered part by part.
-    """
-    chosen = np.asarray(part_of, np.int64)
-    built = [build_bvh(corners, np.float32, backend) for corners in parts]
-    sizes = np.array([len(corners) for corners in parts])
-    largest = np.stack([np.maximum(-bvh.low[0], bvh.high[0]) for bvh in built]).astype(np.float64)
-    rows, reach = _rows(matrices, largest[chosen])
+
+def _placed(parts: Sequence[Bvh], part_of: Ints, matrices: Floats) -> tuple[NDArray[np.float32], NDArray[np.floating]]:
+    """Return the rows (10 n, 4) and the boxes (n, 2, 3) of instances; see `TwoLevels`."""
+    largest = np.zeros((len(part_of), 3))
+    boxes = np.empty((len(part_of), 2, 3))
+    numbers = np.unique(part_of)
+    for number in numbers:
+        root = parts[number]
+        largest[part_of == number] = np.maximum(-root.low[0], root.high[0])
+    rows, reach = _rows(matrices, largest)
     placed = rows.reshape(-1, ROWS, 4)[:, :3].astype(np.float64)
-    low, high = (np.empty((len(chosen), 3)) for _ in range(2))
-    for number, bvh in enumerate(built):
-        own = chosen == number
-        low[own], high[own] = _boxes(placed[own], *_cut(bvh))
+    for number in numbers:
+        own = part_of == number
+        boxes[own, 0], boxes[own, 1] = _boxes(placed[own], *_cut(parts[number]))
     beside = _ROUNDINGS * 2.0**-24 * reach
-    lower, upper = grown(low - beside, high + beside, np.dtype(np.float32))
-    top = _one_instance_a_leaf(build_bvh(np.stack([lower, upper, lower], axis=1)), lower, upper)
-    counts = [len(bvh.low) for bvh in built]
-    roots = len(top.low) + np.cumsum([0, *counts])
-    firsts = np.cumsum([0, *sizes])
-    shape = int(roots[-1]), 3
-    bvh = Bvh(
-        np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.full((8, shape[0], 2), END, np.int32),
-        np.concatenate([part.items + first for part, first in zip(built, firsts, strict=False)]).astype(np.int32),
-    )  # fmt: skip
-    put_part(bvh, top, 0, 0, END)
-    for part, root, first in zip(built, roots, firsts, strict=False):
-        put_part(bvh, part, int(root), int(first), END)
-    own_sizes = sizes[chosen]
-    shifts = np.cumsum(own_sizes) - own_sizes - firsts[chosen]
-    numbers = np.stack([roots[chosen], shifts], axis=1).astype(np.int32)
-    return TwoLevels(bvh, rows, numbers, np.stack([lower, upper], axis=1))
+    grown_boxes = grown(boxes[:, 0] - beside, boxes[:, 1] + beside, np.dtype(np.float32))
+    return rows, np.stack(grown_boxes, axis=1)
 
 
 def _rows(matrices: Floats, largest: Floats) -> tuple[NDArray[np.float32], Floats]:
-    """Return the rows (9 I, 4) of instances, and the reach of each, (I, 3); see `TwoLevels`.
+    """Return the rows (10 I, 4) of instances, and the reach of each, (I, 3); see `TwoLevels`.
 
     `largest` (I, 3) are the largest coordinates of the instances' parts.
     """
@@ -111,15 +165,17 @@ def _rows(matrices: Floats, largest: Floats) -> tuple[NDArray[np.float32], Float
     volume = np.einsum("ij,ij->i", x, cofactors[:, 0])[:, None, None]
     most = np.abs(cofactors).max(axis=(1, 2))[:, None, None]
     same = (placed == np.eye(4)[:3]).all(axis=(1, 2))
-    reach = np.abs(offset) + 8 * np.einsum("ijk,ik->ij", np.abs(turn), largest)
+    reach = np.abs(offset) + 10 * np.einsum("ijk,ik->ij", np.abs(turn), largest)
     reach[same] = 0
     rows = np.zeros((len(placed), ROWS, 4))
     rows[:, :3] = placed
-    rows[:, 3:6, :3] = np.sign(volume) * cofactors / most
+    across = np.sign(volume) * cofactors / most
+    rows[:, 3:6, :3] = across
     rows[:, 3:6, 3] = reach
-    rows[:, 6:, :3] = cofactors.swapaxes(1, 2) / (volume * size)
-    rows[:, 6, 3] = (np.abs(volume) * size / most)[:, 0, 0]
-    rows[:, 7, 3], rows[:, 8, 3] = same, np.sign(volume[:, 0, 0])
+    rows[:, 6:9, :3] = cofactors.swapaxes(1, 2) / (volume * size)
+    rows[:, 8, 3] = np.sign(volume[:, 0, 0])
+    rows[:, 9, :3] = BESIDE * np.einsum("ikj,ik->ij", np.abs(across), reach)
+    rows[:, 9, 3] = (np.abs(volume) * size / most)[:, 0, 0]
     return rows.reshape(-1, 4).astype(np.float32), reach
 
 
@@ -144,26 +200,3 @@ def _boxes(matrices: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]
         np.minimum(lowest, place - size, out=lowest)
         np.maximum(highest, place + size, out=highest)
     return lowest, highest
-
-
-def _one_instance_a_leaf(bvh: Bvh, low: NDArray[np.floating], high: NDArray[np.floating]) -> Bvh:
-    """Return a hierarchy over boxes of instances in which each leaf is one: a leaf of several becomes their parent."""
-    code = -1 - bvh.links[0, :, 0].astype(np.int64)
-    leaves = np.flatnonzero(code >= 0)
-    starts, counts = code[leaves] >> COUNT_BITS, code[leaves] & ((1 << COUNT_BITS) - 1)
-    links = bvh.links.astype(np.int64)
-    links[:, leaves, 0] = -1 - (bvh.items[starts] << COUNT_BITS)
-    parents, starts, counts = (some[counts > 1] for some in (leaves, starts, counts))
-    ends = np.cumsum(counts)
-    within = np.arange(int(counts.sum())) - np.repeat(ends - counts, counts)
-    instances = bvh.items[np.repeat(starts, counts) + within]
-    nodes = len(bvh.low) + np.arange(len(instances))
-    links[:, parents, 0] = len(bvh.low) + ends - counts
-    below = np.empty((8, len(nodes), 2), np.int64)
-    below[:, :, 0] = -1 - (instances << COUNT_BITS)
-    below[:, :, 1] = nodes + 1
-    below[:, ends - 1, 1] = links[:, parents, 1]
-    return Bvh(
-        np.concatenate([bvh.low, low[instances]]), np.concatenate([bvh.high, high[instances]]),
-        np.concatenate([links, below], axis=1).astype(np.int32), np.zeros(0, np.int32),
-    )  # fmt: skip

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from raytracer.accel.bvh import COUNT_BITS, MAX_LEAF, Bvh, target_for
 from raytracer.accel.families import HALF, WIDTH, Binary, families
 from raytracer.accel.planes import constant, copy_columns, parts
+from raytracer.accel.two_levels import TwoLevels
 
 Ints = NDArray[np.int64]
 Words = NDArray[np.uint32]
@@ -88,29 +89,75 @@ def widen(bvh: Bvh, rows: NDArray[np.floating], levels: NDArray[np.floating], ba
     `rows` (3N, 4) are as in `triangle_rows`, `levels` (N,) how far the triangles' planes are from 0. The result is the
     same for every backend on which nodes are chosen.
     """
-    tree = _binary(bvh)
-    generations = families(tree, BLOCK, target_for(len(bvh.items), backend))
-    children = np.concatenate(generations)
-    there = children >= 0
-    kids = children[there]
-    is_block = tree.count[kids] <= BLOCK
-    size = 1 + is_block
-    place = 1 + np.cumsum(size) - size
-    count = 1 + int(size.sum())
+    records = _Records(bvh, BLOCK, 2, backend)
+    table = np.zeros((_last(records.count) + SIBLINGS + 1, ROWS, HALF), np.uint32)
+    _put_part(table, records, _words(rows, levels))
+    return WideBvh(constant(table), records.count, records.depth)
+
+
+def widen_levels(
+    levels: TwoLevels, rows: NDArray[np.floating], plane_levels: NDArray[np.floating], backend: str = "numpy"
+) -> tuple[WideBvh, Ints, int]:
+    """Return the wide form of two levels, as `widen` does for one: 2 I records of the upper one come first.
+
+    An instance has one record there, whose first words are the instance's number and the record of its part's root.
+    With it come the records of parts' roots, and the levels of nodes of the deepest part.
+    """
+    parts_of_table = [_Records(part, BLOCK, 2, backend) for part in levels.parts]
+    roots = np.cumsum([2 * len(levels.part_of), *(part.count for part in parts_of_table)])
+    (top, depth), count = top_records(levels, roots), int(roots[-1])
     table = np.zeros((_last(count) + SIBLINGS + 1, ROWS, HALF), np.uint32)
-    nodes = np.zeros((len(children), ROWS, HALF), np.uint32)
-    _put_sides(nodes, tree, children)
-    blocks = tree.count[children] <= BLOCK
-    sizes = np.where(there, 1 + blocks, 0)
-    tags = np.cumsum(sizes, axis=1) - sizes | np.where(blocks, LEAF, 0)
-    family = sizes.sum(axis=1)
-    nodes[:, TAGS:FIRST] = np.where(there, tags, 0).reshape(-1, 2, HALF)
-    nodes[:, FIRST, 0] = np.cumsum(family) - family + 1
-    table[np.concatenate([[0], place[~is_block]])] = nodes
-    leaves = kids[is_block]
-    items = _block_items(bvh, tree.start[leaves], tree.count[leaves])
-    _put_blocks(table, place[is_block], items, _words(rows, levels))
-    return WideBvh(constant(table), count, len(generations))
+    table[: len(top)] = top
+    for k, records in enumerate(parts_of_table):
+        first, past = levels.starts[k : k + 2]
+        words = _words(rows[3 * first : 3 * past], plane_levels[first:past], first)
+        _put_part(table[roots[k] : roots[k + 1]], records, words, int(roots[k]))
+    below = max(records.depth for records in parts_of_table)
+    return WideBvh(constant(table), count, depth + below), roots, below
+
+
+def top_records(levels: TwoLevels, roots: Ints) -> tuple[Words, int]:
+    """Return the records (2 I, 16, 4) of the upper level, and its depth; `roots` are the records of parts' roots."""
+    records = _Records(levels.top, 1, 1, "numpy")
+    table = np.zeros((2 * len(levels.part_of), ROWS, HALF), np.uint32)
+    places, leaves = records.put_nodes(table)
+    instances = levels.top.items[records.tree.start[leaves]]
+    table[places, 0, 0], table[places, 0, 1] = instances, roots[levels.part_of[instances]]
+    return table, records.depth
+
+
+class _Records:
+    """The records of a hierarchy, whose leaves of at most `leaf` triangles take `size` records each."""
+
+    def __init__(self, bvh: Bvh, leaf: int, size: int, backend: str) -> None:
+        self.bvh, self.tree = bvh, _binary(bvh)
+        generations = families(self.tree, leaf, target_for(len(bvh.items), backend))
+        self.depth, self.children = len(generations), np.concatenate(generations)
+        self.there = self.children >= 0
+        self.is_leaf = self.tree.count[self.children] <= leaf
+        self.sizes = np.where(self.there, np.where(self.is_leaf, size, 1), 0)
+        self.count = 1 + int(self.sizes.sum())
+
+    def put_nodes(self, table: Words, first: int = 0) -> tuple[Ints, Ints]:
+        """Write the nodes into a table, whose first record has this number; return the places and nodes of leaves."""
+        there, sizes = self.there, self.sizes
+        nodes = np.zeros((len(self.children), ROWS, HALF), np.uint32)
+        _put_sides(nodes, self.tree, self.children)
+        tags = np.cumsum(sizes, axis=1) - sizes | np.where(self.is_leaf, LEAF, 0)
+        family = sizes.sum(axis=1)
+        nodes[:, TAGS:FIRST] = np.where(there, tags, 0).reshape(-1, 2, HALF)
+        nodes[:, FIRST, 0] = np.cumsum(family) - family + 1 + first
+        own, is_leaf = sizes[there], self.is_leaf[there]
+        places = 1 + np.cumsum(own) - own
+        table[np.concatenate([[0], places[~is_leaf]])] = nodes
+        return places[is_leaf], self.children[there][is_leaf]
+
+
+def _put_part(table: Words, records: _Records, words: Words, first: int = 0) -> None:
+    """Write the nodes and blocks of a hierarchy into a table, whose first record has this number."""
+    places, leaves = records.put_nodes(table, first)
+    items = _block_items(records.bvh, records.tree.start[leaves], records.tree.count[leaves])
+    _put_blocks(table, places, items, words)
 
 
 class WideNodes(NamedTuple):
@@ -175,8 +222,8 @@ def _block_items(bvh: Bvh, start: Ints, count: Ints) -> Ints:
     return np.where(there, bvh.items[np.minimum(place, len(bvh.items) - 1)], -1)
 
 
-def _words(rows: NDArray[np.floating], levels: NDArray[np.floating]) -> Words:
-    """Return what a block says of each triangle, (N + 1, 14); the last one is not there."""
+def _words(rows: NDArray[np.floating], levels: NDArray[np.floating], first: int = 0) -> Words:
+    """Return what a block says of each triangle, (N + 1, 14), numbered from `first`; the last one is not there."""
     triangles = rows.reshape(-1, 3, 4)
     words = np.zeros((len(triangles) + 1, LEVEL + 1), np.uint32)
     floats = words[:-1].view(np.float32)
@@ -184,7 +231,7 @@ def _words(rows: NDArray[np.floating], levels: NDArray[np.floating]) -> Words:
         copy_columns(floats[:, 3 * corner : 3 * corner + 3], triangles[:, corner, :3])
     copy_columns(floats[:, NORMALS:LEVEL], triangles[:, :, 3])
     floats[:, LEVEL] = levels
-    words[:-1, NUMBERS], words[-1, NUMBERS] = np.arange(len(triangles)), 0xFFFFFFFF
+    words[:-1, NUMBERS], words[-1, NUMBERS] = first + np.arange(len(triangles)), 0xFFFFFFFF
     return words
 
 

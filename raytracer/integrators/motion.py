@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 from raytracer.accel.space import frame_of
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
-from raytracer.integrators.integrator import Integrator
+from raytracer.integrators.integrator import Integrator, structure_of
 from raytracer.layered.cube import HasMeshes, LayeredCube, cube_of, is_layered
 from raytracer.layered.placed import Meshes, PlacedCubes
 from raytracer.meshes.folder import named
-from raytracer.meshes.mesh import Mesh, affine, flattens
+from raytracer.meshes.mesh import Mesh, PlacedMesh, affine, flattens, unplaced
 from raytracer.scene.layout import Change, Layout
+from raytracer.scene.scene import Scene
 
 _AT_VERTICES = ("normals", "colors", "uv")
 
@@ -121,7 +123,9 @@ class Motion:
     def _box(self, number: int) -> Any:
         if number not in self._bounds:
             mesh = self.meshes[number]
-            by_axis = mesh.vertices[self._used_by(number)].T.copy()  # min and max of contiguous numbers are faster
+            placed = isinstance(mesh, PlacedMesh)
+            vertices = mesh.used_vertices if placed else mesh.vertices[self._used_by(number)]
+            by_axis = vertices.T.copy()  # min and max of contiguous numbers are faster
             self._bounds[number] = np.stack([by_axis.min(axis=1), by_axis.max(axis=1)])
         return self._bounds[number]
 
@@ -141,13 +145,16 @@ def _alike(mesh: Mesh, before: Mesh) -> bool:
     """Return whether meshes have as many vertices and faces, the same name, and data of the same kinds."""
     if mesh is before:
         return True
-    kinds = all((getattr(mesh, name) is None) == (getattr(before, name) is None) for name in _AT_VERTICES)
-    sizes = mesh.vertices.shape == before.vertices.shape and len(mesh) == len(before)
+    one, other = unplaced(mesh), unplaced(before)
+    kinds = all((getattr(one, name) is None) == (getattr(other, name) is None) for name in _AT_VERTICES)
+    sizes = one.vertices.shape == other.vertices.shape and len(mesh) == len(before)
     return kinds and mesh.name == before.name and sizes
 
 
 def _equal(mesh: Mesh, before: Mesh) -> bool:
     """Return whether meshes that are alike are equal but for their materials."""
+    if isinstance(mesh, PlacedMesh) and isinstance(before, PlacedMesh):
+        return np.array_equal(mesh.transform, before.transform) and _equal(mesh.source, before.source)
     names = ("vertices", "faces", *_AT_VERTICES)
     both = ((getattr(mesh, name), getattr(before, name)) for name in names)
     return all(array is other or np.array_equal(array, other) for array, other in both)
@@ -173,6 +180,35 @@ def moved_rows(motion: Motion, moving: Sequence[int], layout: Layout, precision:
     origin, scale = frame_of(*motion.bounds, precision)
     stays = motion.changed <= set(moving) and np.array_equal(origin, layout.origin) and scale == layout.scale
     return layout.put(moving, motion.changes, precision) if stays and follow(motion, layout) else None
+
+
+def moved_instances(motion: Motion, layout: Layout) -> Layout | None:
+    """Return a layout in two levels after instances have moved; None where more than their places has changed."""
+    bounds = motion.bounds
+    origin, scale = frame_of(*bounds, "f32")
+    if not (np.array_equal(origin, layout.origin) and scale == layout.scale):
+        return None
+    placed = {}
+    for number, (mesh, before) in motion.changes.items():
+        if not (isinstance(mesh, PlacedMesh) and isinstance(before, PlacedMesh) and _equal(mesh.source, before.source)):
+            return None
+        placed[number] = mesh.transform
+    return layout.placed(placed, np.stack(bounds))
+
+
+def laid_out(
+    integrator: Integrator, scene: Scene, motion: Motion, moving: tuple[int, ...], backend: str, before: Any
+) -> Layout:
+    """Return the tables of a scene, with the cubes for secondary rays, some of them those of `before`."""
+    structure = integrator.structure if moving else structure_of(integrator, scene)
+    layout = Layout.of(scene, structure, integrator.precision, integrator.grid, moving, backend)
+    if not has_cubes(integrator):
+        return layout
+    if moving:
+        cubes: Any = object_cubes(integrator, motion, moving, layout, backend, before)
+    else:
+        cubes = scene_cube(integrator, scene, backend)
+    return replace(layout, secondary=cubes)
 
 
 def has_cubes(integrator: Integrator) -> bool:

@@ -20,11 +20,11 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raytracer.accel.choice import MOVABLE
+from raytracer.accel.choice import INSTANCES, MOVABLE
 from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError
 from raytracer.image import ALPHA, LAYERS, Image, Stats
-from raytracer.integrators.integrator import Choice, Options, Path, Staged, check_scene, chosen, structure_of
+from raytracer.integrators.integrator import Choice, Options, Path, Staged, check_scene, chosen
 from raytracer.integrators.layers import (
     Progress,
     check_rows,
@@ -37,7 +37,7 @@ from raytracer.integrators.layers import (
     unset,
     whole_size,
 )
-from raytracer.integrators.motion import Motion, all_or_nothing, has_cubes, moved_rows, object_cubes, scene_cube
+from raytracer.integrators.motion import Motion, all_or_nothing, laid_out, moved_instances, moved_rows
 from raytracer.integrators.origin import origin_of
 from raytracer.integrators.primary import GBuffer, first_tables, seen_inputs, size_of
 from raytracer.integrators.progressive import check_resume, passes, resumed
@@ -106,13 +106,13 @@ class Renderer:
 
     def _prepare(self) -> None:
         """Build the accelerators, and record and compile the kernel of the scene's camera."""
-        scene, before, self.layout = self.scene, self.layout, None
+        scene, chosen, before, self.layout = self.scene, self.integrator, self.layout, None
         if not scene.triangles:
             return
         self.builds += 1
         self.staged = self.program = self.kernel = None
         started = time.perf_counter()
-        self.layout = self._laid_out(before and before.secondary)
+        self.layout = laid_out(chosen, scene, self._motion, self._moving, self.backend, before and before.secondary)
         self.build_seconds = time.perf_counter() - started
         secondary = self.layout.secondary
         self._options: dict[str, Any] = self.integrator.arithmetic
@@ -124,19 +124,6 @@ class Renderer:
         self._kinds: dict[tuple[Any, ...], dict[str, Any]] = {}
         assert scene.camera is not None  # a Scene sets its own camera by default
         self._choose(scene.camera, transparent=self._transparent)
-
-    def _laid_out(self, before: Any) -> Layout:
-        """Return the tables of the scene, with the cubes for secondary rays, some of them those of `before`."""
-        chosen = self.integrator
-        structure = structure_of(chosen, self.scene) if not self._moving else chosen.structure
-        layout = Layout.of(self.scene, structure, chosen.precision, chosen.grid, self._moving, self.backend)
-        if not has_cubes(chosen):
-            return layout
-        if self._moving:
-            cubes: Any = object_cubes(chosen, self._motion, self._moving, layout, self.backend, before)
-        else:
-            cubes = scene_cube(chosen, self.scene, self.backend)
-        return dataclasses.replace(layout, secondary=cubes)
 
     @in_turn
     def move(self, name: str | int, transform: ArrayLike) -> None:
@@ -150,8 +137,9 @@ class Renderer:
         of its own. From then on only the parts of tables that the object has are computed and sent, and the accelerator
         of what does not move stays. It is all built anew where the scene grows beyond the next power of two, or moves
         to far away from 0, which `builds` counts. With accel="grid" the objects that have moved leave the grid, which
-        stays, and are found by a hierarchy beside it. Instances get triangles of their own. Raises SceneError for
-        unknown names, for other matrices, and for accel="brute" and "instances".
+        stays, and are found by a hierarchy beside it. Where instances share their triangles, a move of one costs a new
+        hierarchy over the instances, and a move or a deformation of another mesh a new Renderer. Raises SceneError for
+        unknown names, for other matrices, and for accel="brute".
         """
         self._check_movable()
         self._motion.move(name, transform)
@@ -188,7 +176,7 @@ class Renderer:
 
     def _takes(self, scene: Scene) -> bool:
         """Switch to a scene if the kernels and accelerators fit it; otherwise change nothing and return False."""
-        if self.layout is None or self.layout.instanced is not None:
+        if self.layout is None:
             return False
         alike = scene.environment is self.scene.environment
         if not alike or not self._motion.suit(scene.meshes, still=self._obstacle is not None):
@@ -211,7 +199,7 @@ class Renderer:
     def _obstacle(self) -> str | None:
         """The accelerator as the user wrote it, if objects cannot move in it; None if they can."""
         structure = self.integrator.structure
-        return None if structure in MOVABLE else f"accel={structure!r}"
+        return None if structure in (*MOVABLE, INSTANCES) else f"accel={structure!r}"
 
     def _follow_motion(self) -> None:
         """Update tables and accelerators to the present places of the objects, and samples to their programs' data."""
@@ -227,6 +215,13 @@ class Renderer:
         motion = self._motion
         self.scene = dataclasses.replace(self.scene, meshes=motion.meshes)
         assert self.layout is not None  # a mesh with triangles has changed
+        if self.layout.instanced is not None:
+            placed = moved_instances(motion, self.layout)
+            if placed is None or not self._tracer.place(placed):
+                self._prepare()
+            else:
+                self.layout = placed
+            return
         changes = moved_rows(motion, self._moving, self.layout, self.integrator.precision)
         if changes is None or not self._tracer.renew(self.layout, changes):
             self._moving = tuple(sorted(motion.changed | set(self._moving)))

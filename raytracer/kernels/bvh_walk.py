@@ -74,7 +74,7 @@ class BvhIntersector(Walk):
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> RayHit:
         """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = RayHit(limit, self.accept)
+        hit = self.hit_before(limit)
         self._collect_before(limit, hit, ray, eye, near, near, any_hit)
         return hit
 

@@ -14,10 +14,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final
 
+import numpy as np
+
 import shpy as sh
 from raytracer.accel.bvh import COUNT_BITS, END
 from raytracer.accel.two_levels import ROWS, TwoLevels
-from raytracer.kernels.bvh_walk import BoxTest, BvhIntersector, try_leaf
+from raytracer.kernels.bvh_walk import BoxTest, BvhIntersector, box_rows, try_leaf
 from raytracer.kernels.triangle import (
     AheadBound,
     Place,
@@ -36,29 +38,32 @@ ROUNDOFF: Final = 2.0**-24
 RAY: Final = 10.0
 """The largest error of a ray in the coordinates of a part, in roundings of its way: 5 of the origin, 4 of the
 direction, and one more. A rounding of the reach is for the corners of triangles."""
-BESIDE: Final = 1 / 3
-"""The largest distance of corners from their triangle's plane: a rounding of the reach for each of two corners, of
-which a bound takes 6 (`AheadBound`). The reach counts products 8 times, enough for the 8 roundings of the normal."""
 
 
 class InstanceHit(RayHit):
-    """A `RayHit` of the triangle `id` of an `instance`; `order` is its place among the triangles of all instances.
+    """A `RayHit` of the triangle `id` of an `instance`; `order` is its number among the triangles of all instances.
 
-    `inside` is the instance in which the walk is, and `shift` the order of its triangles less their numbers.
+    `inside` is the instance in which the walk is.
     """
 
-    def __init__(self, limit: Any, accept: Any = None) -> None:
+    def __init__(self, instances: Instances, limit: Any, accept: Any = None) -> None:
         super().__init__(limit, accept)
+        self.instances = instances
         instance, order = sh.Attrib1i(-1), sh.Attrib1i(-1)
-        inside, shift = sh.Attrib1i(0), sh.Attrib1i(0)
-        self.instance, self.order, self.inside, self.shift = instance, order, inside, shift
+        inside = sh.Attrib1i(0)
+        self.instance, self.order, self.inside = instance, order, inside
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """The variables that say what was hit, and where."""
+        return *super().parts, self.instance
 
     def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
         """Take the triangle `number` of the instance if it is `met` at a distance `t` less than `l`.
 
         Of triangles at the same distance the first one in the order is taken.
         """
-        order = number + self.shift
+        order = self.instances.order_of(number, self.inside)
         with (
             SH_IF(met & ((t < self.l) | ((t == self.l) & (order < self.order)))),
             self.accepting(number, weights),
@@ -74,16 +79,21 @@ class InstanceHit(RayHit):
 class TouchingInstanceHit(TouchingHit):
     """A `TouchingHit` whose triangles are those of instances, as those of an `InstanceHit` are."""
 
-    def __init__(self, *arguments: Any) -> None:
+    def __init__(self, instances: Instances, *arguments: Any) -> None:
         super().__init__(*arguments)
+        self.instances = instances
         self.instance, self.order = self.blank_place()
-        inside, shift = sh.Attrib1i(0), sh.Attrib1i(0)
-        self.inside, self.shift = inside, shift
+        inside = sh.Attrib1i(0)
+        self.inside = inside
 
     @property
     def places(self) -> list[Place]:
         """The nearest hit and the others."""
         return [Place(self.l, self.uv, self.id, self.surface, self.instance, self.order), *self.others]
+
+    def anew(self, limit: Any, ray: Any) -> TouchingHit:
+        """Return a hit of the same kind for a search at distances less than `limit`."""
+        return TouchingInstanceHit(self.instances, limit, self.accept, self.surface_of, ray, len(self.others))
 
     def blank_place(self) -> tuple[Any, ...]:
         """Return variables for what `placed` gives."""
@@ -91,15 +101,62 @@ class TouchingInstanceHit(TouchingHit):
 
     def placed(self, number: Any) -> tuple[Any, ...]:
         """Return the instance of a triangle and its place in the order of all triangles."""
-        return sh.Attrib1i(self.inside), sh.Attrib1i(number + self.shift)
+        return sh.Attrib1i(self.inside), sh.Attrib1i(self.instances.order_of(number, self.inside))
+
+
+class NumberedHit:
+    """A hit of `queries`, which knows triangles by their numbers among those of all instances."""
+
+    def __init__(self, hit: Any, instances: Instances) -> None:
+        self.hit, self.instances = hit, instances
+        inside = sh.Attrib1i(0)
+        self.inside = inside
+
+    @property
+    def l(self) -> Any:  # noqa: E743 - as in RayHit
+        """The distance up to which triangles are met."""
+        return self.hit.l
+
+    @property
+    def id(self) -> Any:
+        """The number of the triangle that was hit, -1 for none."""
+        return self.hit.id
+
+    def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
+        """Offer the triangle `number` of the instance to the hit."""
+        self.hit.offer(met, t, self.instances.order_of(number, self.inside), weights)
 
 
 class Instances:
     """The tables of instances; see `TwoLevels`."""
 
     def __init__(self, levels: TwoLevels) -> None:
+        self.placed = levels.rows
         self.rows = sh.Table(levels.rows, sh.Attrib4f, "instances", unique=False)
-        self.numbers = sh.Table(levels.numbers, sh.Attrib2i, "instance_numbers", unique=False)
+        numbers = np.stack([levels.roots[levels.part_of], levels.firsts], axis=1)
+        self.numbers = sh.Table(numbers.astype(np.int32), sh.Attrib2i, "instance_numbers", unique=False)
+        self.order = sh.Table(levels.order, sh.Attrib1i, "order", unique=False)
+
+    @classmethod
+    def of(cls, levels: TwoLevels, triangles: Triangles) -> Instances:
+        """Return the tables of the instances of triangles, which all walks through these share."""
+        instances: Instances = triangles.instances or cls(levels)
+        triangles.instances = instances
+        return instances
+
+    def place(self, levels: TwoLevels) -> None:
+        """Take the places of instances that have moved."""
+        if levels.rows is not self.placed:
+            self.placed = levels.rows
+            self.rows.update(levels.rows)
+
+    def order_of(self, number: Any, instance: Any) -> Any:
+        """Return the number of a triangle of an instance among those of all instances."""
+        return self.order[number] + self.numbers[instance].y
+
+    def hit_of(self, hit: Any) -> Any:
+        """Return a hit to which a walk offers the triangles of instances."""
+        return hit if isinstance(hit, InstanceHit | TouchingInstanceHit) else NumberedHit(hit, self)
 
     def __getitem__(self, k: Any) -> Placement:
         """Return the place of instance `k`."""
@@ -126,22 +183,22 @@ class Placement:
         """Return -1 where the instance is mirrored, so that corners go round triangles the other way; otherwise 1."""
         return self.rows[self.first + 8].w
 
-    def _across(self, normal: Any) -> tuple[list[Any], Any, list[Any]]:
-        """Return a unit normal in the scene, the length that it had before, and the matrix's rows."""
+    def _across(self, normal: Any) -> tuple[list[Any], Any]:
+        """Return a unit normal in the scene, and the factor to it from the product of the matrix for normals."""
         rows = [self.rows[self.first + 3 + axis] for axis in range(3)]
         across = [product(row, normal) for row in rows]
-        length = sh.sqrt(product(across, across))
+        square = product(across, across)
         # The normals of what is not moved stay as they are, to the bit.
-        kept = (length == 0) | (self.rows[self.first + 7].w > 0)
-        length = sh.cond(kept, 1.0, length)
-        return [component / length for component in across], length, rows
+        kept = (square == 0) | (rows[0].w + rows[1].w + rows[2].w == 0)
+        factor = sh.cond(kept, 1.0, 1 / sh.sqrt(square))
+        return [component * factor for component in across], factor
 
     def plane(self, normal: Sequence[Any], level: Any, ray: Any, eye: Any) -> tuple[list[Any], PlaneView]:
         """Return the unit normal in the scene of a triangle of the part, and its plane."""
-        across, length, rows = self._across(normal)
-        level = self.rows[self.first + 6].w * level / length + product(across, [row.w for row in self.matrix])
-        steep = [product([abs(row[k]) for k in range(3)], [abs(n) for n in normal]) / length for row in rows]
-        return across, PlaneView(across, level, ray, eye, BESIDE * product(steep, [row.w for row in rows]))
+        across, factor = self._across(normal)
+        last = self.rows[self.first + 9]
+        level = last.w * level * factor + product(across, [row.w for row in self.matrix])
+        return across, PlaneView(across, level, ray, eye, product([abs(n) for n in normal], last) * factor)
 
     def ray(self, ray: Any, eye: Any) -> tuple[Any, Any, Any]:
         """Return a ray in the part's coordinates, its origin, and how far it may be off along each axis."""
@@ -197,17 +254,25 @@ class InstanceIntersector(BvhIntersector):
 
     def __init__(self, levels: TwoLevels, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
         super().__init__(levels.bvh, triangles, together, bound)
-        self.triangles.instances = self.instances = Instances(levels)
+        self.instances = Instances.of(levels, self.triangles)
 
-    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> RayHit:
-        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = InstanceHit(limit, self.accept)
-        self._collect_before(limit, hit, ray, eye, near, near, any_hit)
-        return hit
+    def hit_before(self, limit: Any) -> RayHit:
+        """Return a hit to be searched at distances less than `limit`."""
+        return InstanceHit(self.instances, limit, self.accept)
+
+    def place(self, levels: TwoLevels) -> bool:
+        """Update the tables of instances that have moved."""
+        top, links = levels.top, levels.top_links
+        self.instances.place(levels)
+        self.boxes.update(box_rows(top.low, top.high), start=0)
+        for octant, rows in enumerate(links):
+            self.first.update(rows[:, 0], start=octant * self.nodes.value)
+            self.past.update(rows[:, 1], start=octant * self.nodes.value)
+        return True
 
     def walk(self, ray: Any, eye: Any, near: Any, any_hit: Any, box: BoxTest, reach: Any, hit: Any) -> None:
         """Go through all nodes of both levels whose boxes are met no farther than `reach`."""
-        test = TriangleTest(ray, eye, self.bound)
+        hit, test = self.instances.hit_of(hit), TriangleTest(ray, eye, self.bound)
         box = LevelBoxTest(ray, eye, box.near, self.margin, self.steepest)
         matrix = [sh.Attrib4f(0, 0, 0, 0) for _ in range(3)]
         first = sh.Attrib1i(0)
@@ -215,7 +280,6 @@ class InstanceIntersector(BvhIntersector):
         top_links = sh.Attrib1i(self.octant_of(ray) * self.nodes)
         links = sh.Attrib1i(top_links)
         node, after = sh.Attrib1i(0), sh.Attrib1i(END)
-        meets_instance = sh.Attrib1b(True)
         with SH_DO():
             # All rays go on to a leaf, or to the end, before any tries triangles.
             leaf = sh.Attrib1i(-1)
@@ -223,14 +287,13 @@ class InstanceIntersector(BvhIntersector):
             with SH_WHILE(lambda: node >= 0):
                 there[:] = node
                 node[:] = self.past[links + there]
-                with SH_IF(self.vote(meets_instance & self.meets(box, there, reach))):
+                with SH_IF(self.vote(self.meets(box, there, reach))):
                     link = self.first[links + there]
                     with SH_IF(link < 0):
                         leaf[:] = -1 - link
                         SH_BREAK()
                     node[:] = link
             with SH_IF((leaf >= 0) & ((leaf & ((1 << COUNT_BITS) - 1)) == 0)):
-                meets_instance[:] = self.meets(box, there, reach)
                 hit.inside[:] = leaf >> COUNT_BITS
                 placement = self.instances[hit.inside]
                 first[:] = placement.first
@@ -239,18 +302,15 @@ class InstanceIntersector(BvhIntersector):
                 direction, origin, slack = placement.ray(ray, eye)
                 box.take(direction, origin, slack)
                 links[:] = self.octant_of(direction) * self.nodes
-                numbers = self.instances.numbers[hit.inside]
-                hit.shift[:] = numbers.y
                 after[:] = node
-                node[:] = numbers.x
+                node[:] = self.instances.numbers[hit.inside].x
             with SH_ELSE():
-                with SH_IF((leaf > 0) & meets_instance & self.meets(box, there, reach)):
+                with SH_IF(leaf > 0), SH_IF(self.meets(box, there, reach)):
                     try_leaf(leaves, leaf, near, test, hit)
                     reach[:] = farther(hit.l)
                 with SH_IF(node < 0):
                     node[:] = after
                     after[:] = END
-                    meets_instance[:] = True
                     box.take(ray, eye)
                     links[:] = top_links
             SH_UNTIL((node < 0) | (any_hit & (hit.id >= 0)))

@@ -93,6 +93,13 @@ class Media:
             self.rows.update(bodies.rows)
         self.bodies = bodies
 
+    def take(self, bodies: Bodies) -> bool:
+        """Take other bodies; return False, having changed nothing, where they need another kernel."""
+        suits = self.suit(bodies)
+        if suits:
+            self.renew(bodies)
+        return suits
+
     def heeds(self, changes: Sequence[Change]) -> bool:
         """Return whether bodies can differ after changes of triangles."""
         return not self.touches or any(self.bodies.has(change.first, change.past) for change in changes)
@@ -130,8 +137,10 @@ class Media:
 
     def touching(self, limit: Any, ray: Any, accept: Any) -> TouchingHit:
         """Return the hit of a ray that searches for surfaces in contact with the nearest one."""
-        kind = TouchingHit if self.triangles.instances is None else TouchingInstanceHit
-        return kind(limit, accept, self.surface_of, ray, min(len(self.start), MOST_TOUCHING))
+        arguments = limit, accept, self.surface_of, ray, min(len(self.start), MOST_TOUCHING)
+        if self.triangles.instances is None:
+            return TouchingHit(*arguments)
+        return TouchingInstanceHit(self.triangles.instances, *arguments)
 
     def merge(self, hit: RayHit, ray: Any, behind: Callable[[], Any]) -> None:
         """Keep the other surfaces of a hit that touch the nearest one, and forget those that do not.

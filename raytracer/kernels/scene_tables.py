@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
+from raytracer.accel.two_levels import TwoLevels
 from raytracer.kernels.deferred import SampledSurfaces
 from raytracer.kernels.interactions import Interaction
 from raytracer.kernels.sky import Sky
@@ -101,6 +102,14 @@ class SceneTables:
         """Update the tables after changes; return False where a kernel must be made anew."""
         renew_walk(self.intersector, layout, changes)
         return self.surfaces.renew(layout, changes) and self.renew_emitters(layout)
+
+    def place(self, layout: Layout) -> bool:
+        """Take the places of instances that have moved; return False where a kernel must be made anew."""
+        assert isinstance(layout.structure, TwoLevels)
+        media = self.surfaces.media
+        if media is not None and not media.take(self.surfaces.bodies_of(layout)):
+            return False
+        return self.intersector.place(layout.structure) and self.renew_emitters(layout)
 
     def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]], scene: Scene) -> bool:
         """Take the materials and lights of `Layout.painted`, and a scene's background and ambient light.

@@ -86,10 +86,10 @@ class SurfaceTables:
         if self.glows:
             self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
-        self.instanced_meshes: Any = None  # the mesh, material and first triangle of each instance
+        self.instanced_meshes: Any = None  # the mesh and the material of each instance
         if layout.instanced is not None:
-            self.instanced_meshes = sh.Table(layout.instanced.meshes, sh.Attrib3i, "instanced_meshes")
-            self.numbers = sh.Table(layout.instanced.numbers, sh.Attrib1i, "numbers")
+            self.instanced_meshes = sh.Table(layout.instanced.meshes, sh.Attrib2i, "instanced_meshes")
+            self.numbers = triangles.instances.order
         self.sampled: Any = None  # the SampledSurfaces of a layered depth cube (`kernels.deferred`)
 
     @property
@@ -112,10 +112,8 @@ class SurfaceTables:
                     table.update(rows[3 * first : 3 * past], start=3 * first)
         if self.sampled is not None:
             self.sampled.renew([(change.first, change.past) for change in changes])
-        if self.media is not None and self.media.heeds(changes):
-            if not self.media.suit(bodies := self.bodies_of(layout)):
-                return False
-            self.media.renew(bodies)
+        if self.media is not None and self.media.heeds(changes) and not self.media.take(self.bodies_of(layout)):
+            return False
         return self.suit(layout) if any("colors" in change.stale for change in changes) else True
 
     def suit(self, layout: Layout) -> bool:
@@ -436,7 +434,8 @@ class SurfaceTables:
 
     def triangle_at(self, hit: RayHit | SeenHit) -> Any:
         """Return the number of the triangle that was hit among those of all meshes."""
-        return self._of_instance(hit, hit.id if self.numbers is None else self.numbers[hit.id], 2)
+        number, instances = hit.id if self.numbers is None else self.numbers[hit.id], self.triangles.instances
+        return number if instances is None or hit.instance is None else number + instances.numbers[hit.instance].y
 
     def _of_instance(self, hit: RayHit | CandidateHit | SeenHit, number: Any, column: int) -> Any:
         """Add the number of the instance that was hit in a column of their table."""

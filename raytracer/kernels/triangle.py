@@ -88,6 +88,11 @@ class RayHit:
         hit.l, hit.uv, hit.id, hit.accept = place.l, place.uv, place.id, accept
         return hit
 
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """The variables that say what was hit, and where."""
+        return self.l, self.id, self.uv
+
     def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
         """Take the triangle `number` if it is `met` at a distance `t` less than `l`.
 
@@ -157,6 +162,10 @@ class TouchingHit(RayHit):
         """The nearest hit and the others."""
         return [Place(self.l, self.uv, self.id, self.surface), *self.others]
 
+    def anew(self, limit: Any, ray: Any) -> TouchingHit:
+        """Return a hit of the same kind for a search at distances less than `limit`."""
+        return TouchingHit(limit, self.accept, self.surface_of, ray, len(self.others))
+
     def blank_place(self) -> tuple[Any, ...]:
         """Return variables for what `placed` gives."""
         return ()
@@ -204,8 +213,13 @@ class Sight:
 
     def turned(self, v: Any) -> tuple[Any, Any, Any]:
         """Return the components of a vector along x, y and z as they are turned."""
-        x, y = sh.cond(self.by_x, v.y, v.x), sh.cond(self.by_xy, v.z, v.y)
-        return x, y, sh.cond(self.by_x, v.x, sh.cond(self.by_xy, v.y, v.z))
+        x, y = sh.cond(self.by_x, v[1], v[0]), sh.cond(self.by_xy, v[2], v[1])
+        return x, y, sh.cond(self.by_x, v[0], sh.cond(self.by_xy, v[1], v[2]))
+
+    def turned_back(self, v: Sequence[Any]) -> list[Any]:
+        """Return the components along x, y and z of a vector that `turned` gave."""
+        y = sh.cond(self.by_x, v[0], sh.cond(self.by_xy, v[2], v[1]))
+        return [sh.cond(self.by_x, v[2], v[0]), y, sh.cond(self.by_xy, v[1], v[2])]
 
     def edges(self, a: Any, b: Any, c: Any) -> tuple[Any, Any, Any]:
         """Return the edge functions of a triangle opposite to its corners, which are relative to the ray's origin."""
@@ -365,9 +379,17 @@ class Walk(ABC):
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> RayHit:
         """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = RayHit(limit, self.accept)
+        hit = self.hit_before(limit)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
+
+    def hit_before(self, limit: Any) -> RayHit:
+        """Return a hit to be searched at distances less than `limit`."""
+        return RayHit(limit, self.accept)
+
+    def place(self, levels: Any) -> bool:
+        """Update the tables of instances that have moved; return whether they fit. Walks of one level have none."""
+        raise NotImplementedError
 
     @abstractmethod
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:

@@ -42,6 +42,7 @@ from raytracer.kernels.instances import InstanceIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.packet_walk import PacketIntersector
 from raytracer.kernels.triangle import Accept, AheadBound, RayHit, TouchingHit, Triangles, Walk
+from raytracer.kernels.wide_instances import WideInstanceIntersector
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
@@ -70,6 +71,16 @@ class SplitWalk:
     secondary: Walk
     accept: Accept | None = None
 
+    def place(self, levels: TwoLevels) -> bool:
+        """Update the tables of both walks after instances have moved; return whether they fit."""
+        return self.secondary.place(levels) and self.exact.place(levels)
+
+    def hit_before(self, limit: Any) -> RayHit:
+        """Return a hit to be searched at distances less than `limit`."""
+        hit = self.exact.hit_before(limit)
+        hit.accept = self.accept
+        return hit
+
     @property
     def triangles(self) -> Triangles:
         """The triangles, which both walks share."""
@@ -84,32 +95,54 @@ class HitValue(NamedTuple):
     uv: sh.TexCoord2f
 
 
+class InstanceValue(NamedTuple):
+    """A `HitValue` and the instance of its triangle."""
+
+    l: sh.Attrib1f  # noqa: E741 - as in RayHit
+    id: sh.Attrib1i
+    uv: sh.TexCoord2f
+    instance: sh.Attrib1i
+
+
+_RAY: dict[str, Any] = {"ray": sh.Vector3f, "eye": sh.Point3f, "limit": sh.Attrib1f, "any_hit": sh.Attrib1b}
+"""The inputs of a search for a hit."""
+
+
 class AloneWalk(Walk):
     """A walk that each lane of a packet takes alone; two of them take turns."""
 
     def __init__(self, walk: WideIntersector) -> None:
         self.walk, self.triangles = walk, walk.triangles
+        kind = HitValue if self.triangles.instances is None else InstanceValue
 
-        @sh.subroutine(alone=True)
-        def find(ray: sh.Vector3f, eye: sh.Point3f, limit: sh.Attrib1f, any_hit: sh.Attrib1b) -> HitValue:
-            hit = walk(ray, eye, 0.0, limit, any_hit)
-            return HitValue(hit.l, hit.id, hit.uv)
+        def find(ray: Any, eye: Any, limit: Any, any_hit: Any) -> Any:
+            return kind(*walk(ray, eye, 0.0, limit, any_hit).parts)
 
-        self.find = find
+        find.__annotations__ = _RAY | {"return": kind}
+        self.find = sh.subroutine(alone=True)(find)
+
+    def place(self, levels: TwoLevels) -> bool:
+        """Update the tables of instances that have moved; return whether they fit."""
+        return self.walk.place(levels)
+
+    def hit_before(self, limit: Any) -> RayHit:
+        """Return a hit to be searched at distances less than `limit`."""
+        hit = self.walk.hit_before(limit)
+        hit.accept = self.accept
+        return hit
 
     def find_touching(self, hit: TouchingHit) -> Any:
         """Return the walk for hits such as this one, whose result has all of their variables."""
-        kinds = [sh.Attrib1f, sh.TexCoord2f, sh.Attrib1i, sh.Attrib1i]
-        fields = [(f"part_{k}", kinds[k % 4]) for k in range(4 * len(hit.places))]
+        kinds = [sh.Attrib1f, sh.TexCoord2f, *[sh.Attrib1i] * (len(hit.places[0].parts) - 2)] * len(hit.places)
+        fields = [(f"part_{k}", kind) for k, kind in enumerate(kinds)]
         found_places = cast(Any, NamedTuple("FoundPlaces", fields))
 
         def find(ray: Any, eye: Any, limit: Any, any_hit: Any) -> Any:
-            touching_hit = TouchingHit(limit, hit.accept, hit.surface_of, ray, len(hit.others))
+            touching_hit = hit.anew(limit, ray)
             self.walk.collect(touching_hit, ray, eye, 0.0, 0.0, any_hit)
             return found_places(*(part for place in touching_hit.places for part in place.parts))
 
-        inputs = {"ray": sh.Vector3f, "eye": sh.Point3f, "limit": sh.Attrib1f, "any_hit": sh.Attrib1b}
-        find.__annotations__ = inputs | {"return": found_places}
+        find.__annotations__ = _RAY | {"return": found_places}
         return sh.subroutine(alone=True)(find)
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
@@ -118,7 +151,7 @@ class AloneWalk(Walk):
         touching = isinstance(hit, TouchingHit)
         find = self.find_touching(hit) if touching else self.find
         found = find(ray, eye, hit.l, sh.Attrib1b(any_hit))
-        parts = [part for place in hit.places for part in place.parts] if touching else (hit.l, hit.id, hit.uv)
+        parts = [part for place in hit.places for part in place.parts] if touching else hit.parts
         for part, value in zip(parts, found, strict=True):
             part[:] = value
 
@@ -133,20 +166,27 @@ def scene_walk(layout: Layout, backend: str, scattered: Scattered = None) -> Wal
     """
     bound = AheadBound(layout.roundoff)
     structure, forest = layout.structure, layout.forest
-    tree = structure if isinstance(structure, Bvh) and has_wide(structure, backend, forest) else None
-    if layout.secondary is not None or tree is None or len(tree.items) < MANY:
-        tree = None
-    if tree is not None and scattered == "all":
-        return AloneWalk(WideIntersector(tree, layout.triangles, bound, backend))
+    alone = None
+    if layout.secondary is None and has_wide(structure, backend, forest) and _is_large(structure):
+        alone = WideInstanceIntersector if isinstance(structure, TwoLevels) else WideIntersector
+    if alone is not None and scattered == "all":
+        return AloneWalk(alone(structure, layout.triangles, bound, backend))
     exact = walk_with(structure, layout.triangles, backend, bound, forest)
     if layout.secondary is not None:
         notes = layout.secondary.options["shading"] == "deferred"
         secondary = LayeredIntersector(layout.secondary, layout.triangles, bound, notes=notes)
         secondary.triangles = exact.triangles  # one table for both
         return SplitWalk(exact, secondary)
-    if tree is not None and scattered is not None:
-        return SplitWalk(exact, AloneWalk(WideIntersector(tree, exact.triangles, bound, backend)))
+    if alone is not None and scattered is not None:
+        return SplitWalk(exact, AloneWalk(alone(structure, exact.triangles, bound, backend)))
     return exact
+
+
+def _is_large(structure: Any) -> bool:
+    """Return whether scattered rays walk faster alone."""
+    if isinstance(structure, TwoLevels):
+        return sum(len(structure.parts[part].items) for part in structure.part_of) >= MANY
+    return len(structure.items) >= MANY
 
 
 def walk_with(
@@ -169,7 +209,7 @@ def walk_with(
 
 def has_wide(structure: Any, backend: str, forest: Forest | None) -> bool:
     """Return whether rays may walk through the wide form of a hierarchy, in packets or alone."""
-    is_single = isinstance(structure, Bvh) and structure.low.dtype == np.float32
+    is_single = isinstance(structure, TwoLevels) or (isinstance(structure, Bvh) and structure.low.dtype == np.float32)
     return is_single and backend in TOGETHER and forest is None
 
 
@@ -269,7 +309,7 @@ def meet(
     touches = touching is not None and not layered
     if not (touches or isinstance(walk, SplitWalk)):
         return walk(ray, eye, 0.0, limit, any_hit)
-    hit = touching(walk.accept) if touching is not None and touches else RayHit(limit, walk.accept)
+    hit = touching(walk.accept) if touching is not None and touches else walk.hit_before(limit)
     if not isinstance(walk, SplitWalk):
         walk.collect(hit, ray, eye, 0.0, 0.0, any_hit)
         return hit

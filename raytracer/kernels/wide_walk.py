@@ -17,16 +17,15 @@ bunny, in the order of pixels, take .95 (any hit .90) of the time in the order o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, lower
-from raytracer.accel.bvh import Bvh
 from raytracer.accel.families import HALF, WIDTH
-from raytracer.accel.wide import BLOCK, FIRST, LEAF, LEVEL, NORMALS, NUMBERS, ROWS, TAGS, widen
+from raytracer.accel.wide import BLOCK, FIRST, LEAF, LEVEL, NORMALS, NUMBERS, ROWS, TAGS, WideBvh, widen
 from raytracer.kernels.bvh_walk import MARGIN
 from raytracer.kernels.triangle import (
     AheadBound,
@@ -62,14 +61,18 @@ class WideIntersector(Walk):
     The wide form is made on `backend`.
     """
 
-    def __init__(self, bvh: Bvh, triangles: Any, bound: AheadBound | None = None, backend: str = "numpy") -> None:
+    def __init__(self, structure: Any, triangles: Any, bound: AheadBound | None = None, backend: str = "numpy") -> None:
         self.bound = bound
         self.triangles = Triangles.of(triangles, np.float32)
-        wide = widen(bvh, *self.triangles.sources, backend)
+        wide = self.widened(structure, backend)
         self.last = wide.last
         self.records = sh.Table(wide.table.reshape(-1, HALF), sh.Attrib4u, "records", copy=False, unique=False)
         self.depth = max(LEVELS, -(-wide.depth // 4) * 4)
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
+
+    def widened(self, bvh: Any, backend: str) -> WideBvh:
+        """Return the wide form of the hierarchy."""
+        return widen(bvh, *self.triangles.sources, backend)
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
@@ -233,11 +236,12 @@ class NodeTest:
     """The constants of a ray for tests against eight boxes at a time.
 
     Which side of a box a ray comes to first is known from the ray's sign, so `first` and `last` are rows of a node.
+    `eye` is where the ray starts for the sides that it comes to first, `beyond` for the others.
     """
 
     def __init__(self, ray: Any, eye: Any, near: Any, margin: float) -> None:
         inverse = inverse_of(ray)
-        self.eye, self.near = eye, near
+        self.eye, self.beyond, self.near = eye, eye, near
         self.sooner = inverse * (1 - margin)
         self.later = sh.clamp(inverse * (1 + margin), -FAR, FAR)
         self.first = [sh.cond(inverse[axis] < 0, 2 * (axis + 3), 2 * axis) for axis in range(3)]  # -0.0 goes down too
@@ -258,12 +262,12 @@ class NodeTest:
     def boxes(self, records: Any, row: Any, reach: Any) -> tuple[Any, Any, Any]:
         """Return where a node's boxes begin, whether they are met before `reach`, and their tags."""
 
-        def along(axis: int, side: Any, inverse: Any) -> Any:
-            return (floats(records, row + side) - self.eye[axis]) * inverse[axis]
+        def along(axis: int, side: Any, eye: Any, inverse: Any) -> Any:
+            return (floats(records, row + side) - eye[axis]) * inverse[axis]
 
-        x, y, z = (along(axis, self.first[axis], self.sooner) for axis in range(3))
+        x, y, z = (along(axis, self.first[axis], self.eye, self.sooner) for axis in range(3))
         begin = higher(higher(x, y), higher(z, self.near))
-        x, y, z = (along(axis, self.last[axis], self.later) for axis in range(3))
+        x, y, z = (along(axis, self.last[axis], self.beyond, self.later) for axis in range(3))
         end = lower(lower(x, y), lower(z, reach))
         return begin, begin <= end, both_rows(records, row + TAGS)
 
@@ -281,23 +285,30 @@ class BlockTest:
     def __call__(self, records: Any, row: Any, hit: Any) -> None:
         """Offer a block's triangles to `hit`; see `TriangleTest`."""
         sight = self.sight
-        a, b, c = ([self.side(records, row + 6 * k, axis) for axis in range(3)] for k in range(3))
+        a, b, c = (self.corner(records, row + 6 * k) for k in range(3))
         wa, wb, wc = sight.edges(a, b, c)
         whole = wa + wb + wc
         met = same_side(wa, wb, wc) & (whole != 0)
         with SH_IF(sh.any(met)):
-            normal = [floats(records, row + 2 * (NORMALS + k)) for k in range(3)]
-            plane = PlaneView(normal, floats(records, row + 2 * LEVEL), self.ray, self.eye)
+            normal, plane = self.plane(records, row)
             enter, leave = sight.span(a, b, c)
             t = within(enter, leave, sight.distance((wa, wb, wc), whole, (a[2], b[2], c[2]), plane))
             met = met & (t >= self.near) & meets(enter, leave, self.near)
             if self.bound is not None:
-                corner = [floats(records, row + 2 * axis) - self.eye[axis] for axis in range(3)]
-                met = met & self.bound(plane, normal, corner)
+                met = met & self.bound(plane, normal, self.straight(records, row, a))
             numbers = sh.Attrib8i(both_rows(records, row + 2 * NUMBERS))
             for k in range(BLOCK):
                 hit.offer(met[k], t[k], numbers[k], (wb[k], wc[k], whole[k]))
 
-    def side(self, records: Any, row: Any, axis: int) -> Any:
-        """Return a coordinate of a corner of each triangle, relative to the ray's origin."""
-        return floats(records, row + self.rows[axis]) - self.sight.eye[axis]
+    def corner(self, records: Any, row: Any) -> list[Any]:
+        """Return the turned coordinates of a corner of each triangle, relative to the ray's origin."""
+        return [floats(records, row + self.rows[axis]) - self.sight.eye[axis] for axis in range(3)]
+
+    def straight(self, records: Any, row: Any, corner: Sequence[Any]) -> list[Any]:
+        """Return the coordinates of the first corner of each triangle, whose turned ones are those of `corner`."""
+        return [floats(records, row + 2 * axis) - self.eye[axis] for axis in range(3)]
+
+    def plane(self, records: Any, row: Any) -> tuple[list[Any], PlaneView]:
+        """Return the unit normal of each triangle, and its plane."""
+        normal = [floats(records, row + 2 * (NORMALS + k)) for k in range(3)]
+        return normal, PlaneView(normal, floats(records, row + 2 * LEVEL), self.ray, self.eye)

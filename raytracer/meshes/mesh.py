@@ -13,7 +13,7 @@ import copy
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import attrgetter
 from os import PathLike
 from typing import Any, Final
@@ -358,20 +358,17 @@ class Instance:
 
         Its arrays are computed when they are first read, but where the transform flattens the mesh.
         """
-        mesh, source, transform = self.mesh, unplaced(self.mesh), self.transform
-        if isinstance(mesh, PlacedMesh):
-            transform = transform @ mesh.transform
-        name = mesh.name if self.name is None else self.name
-        if not flattens(transform) and _stays_near(source, transform):
-            return PlacedMesh.of(source, transform, name, mesh.material)
+        mesh = self.mesh
+        if not isinstance(mesh, PlacedMesh):
+            mesh = PlacedMesh.of(mesh, np.eye(4), mesh.name, mesh.material)
         moved = mesh.transformed(self.transform)
-        return moved if name == moved.name else replace(moved, name=name)
+        return moved if self.name is None else moved._with(name=self.name)
 
 
 class PlacedMesh(Mesh):
     """The mesh of an `Instance` in its place: `source`, moved by `transform`.
 
-    Its arrays are computed when they are first read, and kept from then on. Another material or name leaves it a
+    Its arrays are computed when they are first read, and kept from then on. Another material, name or place leaves it a
     PlacedMesh; any other change makes a Mesh of its own.
     """
 
@@ -415,6 +412,13 @@ class PlacedMesh(Mesh):
     def has_area(self) -> bool:
         """Return True if any triangle has an area above 0."""
         return self.source.has_area
+
+    def transformed(self, matrix: ArrayLike) -> Mesh:
+        """Transform as other meshes; it stays a PlacedMesh unless the matrix flattens it."""
+        transform = affine(matrix) @ self.transform
+        if flattens(transform) or not _stays_near(self.source, transform):
+            return super().transformed(matrix)
+        return PlacedMesh.of(self.source, transform, self.name, self.material)
 
     def _with(self, **values: Any) -> Mesh:
         if values.keys() - {"material", "name"}:

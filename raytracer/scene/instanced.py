@@ -14,15 +14,15 @@ several places, and where. `Layout` makes tables of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.space import Rows, to_kernel
-from raytracer.accel.two_levels import TwoLevels, build_two_levels
+from raytracer.accel.two_levels import TwoLevels
 from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.appearance.programs import examine_surface
 from raytracer.errors import SceneError
@@ -42,30 +42,55 @@ class Instanced:
     """The two `levels` of a layout, and the meshes of I instances.
 
     `settled` is the number of triangles, the first ones of the layout, that lie in the scene's coordinates; those of
-    parts follow. `meshes` (I, 3) int32 are the number of the mesh of each instance, its material, and the number that
-    its first triangle has among those of all meshes; 0 for the instance of the settled triangles, which have their own.
-    `numbers` (N,) int32 are those of the settled triangles, and the places in their meshes of others.
+    parts follow. `meshes` (I, 2) int32 are the number of the mesh of each instance and its material; 0 for the instance
+    of the settled triangles, which have their own. `frames` are the origin and the scale of the coordinates of each
+    part but that of the settled triangles. `box` (2, 3) are the corners of the box round all triangles.
     """
 
     levels: TwoLevels
     settled: int
     meshes: NDArray[np.int32]
-    numbers: NDArray[np.int32]
+    frames: Sequence[tuple[Rows, float]]
+    box: Rows
 
     @property
     def boxes(self) -> NDArray[np.floating]:
         """The corners (n, 2, 3) of the boxes of instances but that of the settled triangles."""
         return self.levels.boxes[int(self.settled > 0) :]
 
+    def moved(self, transforms: Mapping[int, Rows], box: Rows, origin: Rows, scale: float) -> Instanced | None:
+        """Return the instances after meshes of these numbers have moved; None where one of them is no instance.
+
+        `box` is that round all triangles after it, `origin` and `scale` are those of the layout.
+        """
+        own = int(self.settled > 0)
+        instance_of = {int(number): own + k for k, number in enumerate(self.meshes[own:, 0])}
+        if not transforms.keys() <= instance_of.keys():
+            return None
+        instances = np.array([instance_of[number] for number in transforms])
+        frames = [self.frames[part - own] for part in self.levels.part_of[instances]]
+        matrices = _matrices(list(transforms.values()), frames, origin, scale)
+        if not (np.abs(matrices).max(axis=(1, 2)) > _LEAST).all():
+            return None
+        return replace(self, levels=self.levels.moved(instances, matrices), box=box)
+
+    def materials_of(self, object_of: NDArray[np.int32], material_of: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the material of each mesh of the scene; `object_of` and `material_of` are those of triangles."""
+        own, settled = self.meshes[int(self.settled > 0) :], slice(self.settled)
+        materials = np.zeros(1 + max(object_of[settled].max(initial=0), own[:, 0].max(initial=0)), np.int32)
+        materials[object_of[settled]] = material_of[settled]
+        materials[own[:, 0]] = own[:, 1]
+        return materials
+
     def places(self, sizes: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Return the first triangle of each mesh, of `sizes` triangles, and its instance; 0 for an empty mesh."""
         firsts, instances = np.zeros((2, len(sizes)), np.int32)
-        places = np.searchsorted(self.numbers[: self.settled], np.cumsum(sizes) - sizes)
+        levels = self.levels
+        places = np.searchsorted(levels.order[: self.settled], np.cumsum(sizes) - sizes)
         firsts[:] = np.where(places < self.settled, places, 0)
         own = int(self.settled > 0)
         numbers = self.meshes[own:, 0]
-        begins = self.settled + np.cumsum(sizes[numbers]) - sizes[numbers]
-        firsts[numbers] = begins - self.levels.numbers[own:, 1]
+        firsts[numbers] = levels.starts[levels.part_of[own:]]
         instances[numbers] = np.arange(own, len(self.meshes))
         return firsts, instances
 
@@ -116,12 +141,12 @@ class Parts:
         return [*(self.scene.meshes[number] for number in self.settled), *self.sources]
 
     def placed(
-        self, corners: Rows, origin: Rows, scale: float, backend: str, material_of: Sequence[int]
+        self, corners: Rows, box: Rows, origin: Rows, scale: float, backend: str, material_of: Sequence[int]
     ) -> tuple[Rows, Instanced]:
         """Return the corners of all parts as kernels hold them, and the instances.
 
-        `corners` (n, 3, 3) are those of the settled triangles in the kernel's coordinates, `material_of` the material
-        of each mesh of the scene.
+        `corners` (n, 3, 3) are those of the settled triangles in the kernel's coordinates, `box` is that round all,
+        `material_of` the material of each mesh of the scene.
         """
         meshes = self.scene.meshes
         count = np.array([len(mesh) for mesh in meshes])
@@ -129,25 +154,36 @@ class Parts:
         if int(count.sum()) > _MOST:
             raise SceneError(f"{self.scene.name}: {int(count.sum()):,} triangles of instances exceed {_MOST:,}")
         parts, matrices = [corners] if len(corners) else [], np.tile(np.eye(4)[:3], (len(self.number_of), 1, 1))
-        frames = [to_kernel(source.corners, "f32") for source in self.sources]
-        parts += [local for local, _, _ in frames]
-        for matrix, number, source in zip(matrices, self.number_of, self.source_of, strict=True):
-            mesh = meshes[number]
-            if number >= 0 and isinstance(mesh, PlacedMesh):
-                _, middle, size = frames[source]
-                turn = mesh.transform[:3, :3]
-                matrix[:, :3] = turn * (scale / size)
-                matrix[:, 3] = (turn @ middle + mesh.transform[:3, 3] - origin) * scale
+        local = [to_kernel(source.corners, "f32") for source in self.sources]
+        parts += [corners for corners, *_ in local]
+        frames = [(middle, size) for _, middle, size in local]
+        own = int(bool(self.settled))
+        placed = [mesh.transform for number in self.number_of[own:] if isinstance(mesh := meshes[number], PlacedMesh)]
+        matrices[own:] = _matrices(placed, [frames[source] for source in self.source_of[own:]], origin, scale)
         if not (np.abs(matrices).max(axis=(1, 2)) > _LEAST).all():
             raise SceneError(f"{self.scene.name}: an instance is more than 10**30 times smaller than the scene")
-        levels = build_two_levels(parts, self.source_of + bool(self.settled), matrices, backend)
-        numbers = [np.arange(firsts[number], firsts[number] + count[number]) for number in self.settled]
-        numbers += [np.arange(len(source)) for source in self.sources]
+        order = [np.arange(firsts[number], firsts[number] + count[number]) for number in self.settled]
+        order += [np.arange(len(source)) for source in self.sources]
         whose = np.maximum(self.number_of, 0)
         rows = np.stack([whose, np.array(material_of)[whose], firsts[whose]], axis=1)
         rows[self.number_of < 0] = 0
-        instanced = Instanced(levels, len(corners), rows.astype(np.int32), np.concatenate(numbers).astype(np.int32))
+        part_of = self.source_of + bool(self.settled)
+        levels = TwoLevels.of(parts, part_of, matrices, np.concatenate(order), rows[:, 2], backend)
+        instanced = Instanced(levels, len(corners), rows[:, :2].astype(np.int32), frames, box)
         return np.concatenate(parts), instanced
+
+
+def _matrices(transforms: Sequence[Rows], frames: Sequence[tuple[Rows, float]], origin: Rows, scale: float) -> Rows:
+    """Return the matrices (n, 3, 4) from the coordinates of parts to those of the scene's kernel.
+
+    `frames` are those of the parts, `origin` and `scale` those of the scene.
+    """
+    matrices = np.empty((len(transforms), 3, 4))
+    for matrix, transform, (middle, size) in zip(matrices, transforms, frames, strict=True):
+        turn = transform[:3, :3]
+        matrix[:, :3] = turn * (scale / size)
+        matrix[:, 3] = (turn @ middle + transform[:3, 3] - origin) * scale
+    return matrices
 
 
 def shares_many(scene: Scene) -> bool:
@@ -164,10 +200,11 @@ def shares_many(scene: Scene) -> bool:
 
 def _settling(meshes: Sequence[Mesh]) -> set[AnyMaterial]:
     """Return the materials whose meshes are settled: those that shine, since rays aim at them, and glass."""
-    return {material for material in {mesh.material for mesh in meshes} if _settles(material)}
+    return {material for material in {mesh.material for mesh in meshes} if settles(material)}
 
 
-def _settles(material: AnyMaterial) -> bool:
+def settles(material: AnyMaterial) -> bool:
+    """Return whether meshes of a material that stand at several places get triangles of their own."""
     decided = frozenset() if material.surface is None else examine_surface(material.surface).gives
     return any(material.glow) or material.is_clear or not decided.isdisjoint(("emission", "transmission"))
 

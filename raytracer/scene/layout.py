@@ -32,7 +32,7 @@ from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
 from raytracer.meshes.mesh import check_expansion, unplaced
-from raytracer.scene.instanced import Instanced, Parts
+from raytracer.scene.instanced import Instanced, Parts, settles
 from raytracer.scene.light_tables import cone_rows, kinds_of, light_rows
 from raytracer.scene.scene import Scene
 
@@ -143,11 +143,13 @@ class Layout:
         parts = Parts.of(scene)
         materials, index = _materials(scene.meshes)
         check_range(scene, materials)
-        origin, scale = frame_of(*scene.bounds, "f32")
+        bounds = scene.bounds
+        origin, scale = frame_of(*bounds, "f32")
         settled = [scene.meshes[number] for number in parts.settled]
         check_expansion(scene.name, settled)
         corners = np.concatenate([np.zeros((0, 3, 3)), *(mesh.corners for mesh in settled)])
-        corners, instanced = parts.placed(rounded((corners - origin) * scale, "f32"), origin, scale, backend, index)
+        corners, box = (rounded((places - origin) * scale, "f32") for places in (corners, np.stack(bounds)))
+        corners, instanced = parts.placed(corners, box, origin, scale, backend, index)
         meshes, sizes = parts.meshes, list(map(len, settled))
         own = np.zeros((2, len(corners)), np.int32)
         own[0, : sum(sizes)] = np.repeat([index[number] for number in parts.settled], sizes)
@@ -179,8 +181,8 @@ class Layout:
     @property
     def box(self) -> tuple[Rows, Rows]:
         """The corners of the box round all triangles, in the kernel's coordinates."""
-        if isinstance(self.structure, TwoLevels):
-            return self.structure.bvh.low[0].astype(np.float64), self.structure.bvh.high[0].astype(np.float64)
+        if self.instanced is not None:
+            return self.instanced.box[0], self.instanced.box[1]
         # Each column by itself: a twentieth of the time, which every frame of objects that move takes.
         columns = [self.triangles[:, axis] for axis in range(3)]
         low, high = (np.array([end(column) for column in columns], np.float64) for end in (np.min, np.max))
@@ -236,6 +238,16 @@ class Layout:
         self.forest.join()
         return changes
 
+    def placed(self, transforms: Mapping[int, Rows], bounds: Rows) -> Layout | None:
+        """Return a layout in two levels after meshes of these numbers have moved; None where one is no instance.
+
+        `bounds` (2, 3) are those of the scene after it. The origin and the scale stay.
+        """
+        assert self.instanced is not None
+        box = rounded((bounds - self.origin) * self.scale, "f32")
+        instanced = self.instanced.moved(transforms, box, self.origin, self.scale)
+        return None if instanced is None else replace(self, structure=instanced.levels, instanced=instanced)
+
     def table_rows(self, rows: Rows) -> NDArray[Any]:
         """Return rows as a table holds them: in binary32 where kernels work so, which takes half the memory.
 
@@ -266,16 +278,21 @@ class Layout:
 
         The meshes are as many, of as many triangles. The layout comes with the ranges of triangles (first, past) whose
         rows of `colors` differ. Return None for other textures, programs or kinds of lights, for meshes that share
-        their materials otherwise, for colours that the working precision cannot hold, and in two levels.
+        their materials otherwise, and for colours that the working precision cannot hold. In two levels also for meshes
+        that come to shine or to be clear, or no longer do, and for tinted colours at corners.
         """
-        if self.instanced is not None:
-            return None
         places = [place for place, mesh in enumerate(scene.meshes) if len(mesh)]
         meshes = [scene.meshes[place] for place in places]
-        materials, index = _materials(meshes)
-        ranges = [_range(self.object_of, place) for place in places]
-        before = self.material_of[[first for first, _ in ranges]]
+        materials, index = _materials(meshes if self.instanced is None else scene.meshes)
+        if self.instanced is None:
+            ranges = [_range(self.object_of, place) for place in places]
+            before = self.material_of[[first for first, _ in ranges]]
+        else:
+            index, ranges = [index[place] for place in places], []
+            before = self.instanced.materials_of(self.object_of, self.material_of)[places]
         if not np.array_equal(index, before) or not all(map(_differ_in_numbers, materials, self.materials)):
+            return None
+        if self.instanced is not None and list(map(settles, materials)) != list(map(settles, self.materials)):
             return None
         check_range(scene, materials)
         lights = light_rows(scene.placed_lights, self.origin, self.scale, self.dtype)
@@ -288,6 +305,8 @@ class Layout:
         ]
         if self.colors is None or not tinted or any(map(is_programmed, materials)):
             return layout, []
+        if self.instanced is not None:
+            return None
         colors = self.colors.copy()
         for number in tinted:
             first, past = ranges[number]

@@ -100,7 +100,7 @@ def test_pictures_are_those_of_triangles_of_their_own(pictures):
     seen = plain.object_id >= 0
     assert len(np.unique(plain.object_id)) > 18
     assert np.count_nonzero(plain.object_id != picture.object_id) <= 1
-    assert np.count_nonzero(np.abs(plain.pixels - picture.pixels).max(axis=-1) > 1e-3) <= 4  # edges of shadows
+    assert np.count_nonzero(np.abs(plain.pixels - picture.pixels).max(axis=-1) > 1e-3) <= 1  # edges of shadows
     same = seen & (plain.object_id == picture.object_id)
     np.testing.assert_allclose(picture.depth[same], plain.depth[same], rtol=1e-6)
     assert np.median(np.abs(picture.normal - plain.normal)[same]) < 1e-6
@@ -137,7 +137,7 @@ def test_hits_are_to_the_bit_those_of_corners_that_the_matrices_place():
     ball = sphere(1.0, rings=8, segments=12)
     scene = Scene([Instance(ball, place(random, (1, 1, -1) if k % 2 else (1, 0.3, 1))) for k in range(40)])
     layout = Layout.of(scene, "instances")
-    matrices = layout.instanced.levels.rows.reshape(-1, 9, 4)[:, :3]
+    matrices = layout.instanced.levels.rows.reshape(-1, 10, 4)[:, :3]
     local = layout.triangles[:, :3].astype(np.float32)
     x, y, z = (local[:, None, axis] * matrices[:, None, :, axis] for axis in range(3))
     corners = (((x + y) + z) + matrices[:, None, :, 3]).reshape(-1, 3, 3).astype(np.float64)
@@ -206,21 +206,13 @@ def test_many_instances_share_triangles_by_default(monkeypatch):
     kinds = [Renderer(scene, integrator=kind, backend="numpy") for kind in (Whitted(), Whitted(accel="bvh"))]
     assert [renderer.layout.settled for renderer in kinds] == [2, 62]
     assert kinds[0].layout.instanced.meshes[:, 0].tolist() == [0, 0, 1, 2]
-    moved = kinds[0]
-    moved.move(1, ways[1])
-    moved.render((8, 6))
-    assert moved.layout.settled == 62  # objects that move have triangles of their own
 
 
 def test_what_cannot_share_triangles_says_so():
-    pair = [Instance(icosahedron(), np.eye(4)) for _ in range(2)]
     with pytest.raises(SceneError, match='accel="instances" works at precision="f32", not \'f64\''):
         Whitted(accel="instances", precision="f64")
     with pytest.raises(SceneError, match="the staged tracer goes through cells of a grid"):
         Staged(accel="instances")
-    renderer = Renderer(Scene(pair), integrator=Whitted(accel="instances"), backend="numpy")
-    with pytest.raises(SceneError, match="this Renderer has accel='instances': choose accel=\"bvh\""):
-        renderer.move(0, np.eye(4))
 
 
 @pytest.mark.parametrize("backend", ["numpy", *(pytest.param(name, marks=pytest.mark.slow) for name in BACKENDS[1:])])
