@@ -22,20 +22,23 @@ from numpy.typing import ArrayLike, NDArray
 
 import shpy as sh
 from raytracer.accel.bvh import Bvh
-from raytracer.accel.choice import build, check
+from raytracer.accel.choice import INSTANCES, build, check
 from raytracer.accel.space import WORKING, to_kernel, triangle_rows
+from raytracer.accel.two_levels import TwoLevels
 from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError, users_line
+from raytracer.instanced_geometry import InstancedGeometry
 from raytracer.kernels import component, nearby, queries
-from raytracer.kernels.component import Component, Surfaces, TracedHit, ray_values
+from raytracer.kernels.component import Component, TracedHit, ray_values
 from raytracer.kernels.triangle import AheadBound
 from raytracer.kernels.walk import SEVERAL, QueryWalks, Structure, Way, lanes_of
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
 from raytracer.meshes.mesh import check_expansion
-from raytracer.moved import Geometry, MovedObjects
+from raytracer.moved import CAMERA, Geometry, MovedObjects
 from raytracer.rays import AllHits, Closest, Frame, Hits, Pose, Rays, alike, check_streams, is_stream, triples
+from raytracer.scene.instanced import shares_many
 from raytracer.scene.scene import Scene
 
 START = 16.0
@@ -43,16 +46,17 @@ START = 16.0
 _FARTHEST = 2.0**56
 """The limit of the kernel's coordinates, 2**24 times the size of the scene: farther points are clamped to it."""
 
-_RECORDED = ("_component", "_walks", "_closest")
+_RECORDED = ("_component", "_walks", "_closest", "_expanded")
 """The attributes that hold recorded programs; copies record them again."""
 
 
 class Intersector:
     """Finds hits with the triangles of a mesh, or of all meshes of a scene one after the other.
 
-    `accel` is "bvh", "grid" or "brute" (see `Whitted`), which differ in time alone; `backend` one of `sh.backends()`,
-    None for the default; `precision` "f32", "f64" or "f16". Raises SceneError unless it is a mesh or a scene, and for
-    another accelerator or precision.
+    `accel` is "bvh", "grid" or "brute" (see `Whitted`), which differ in time alone, or "instances", which shares the
+    triangles of a scene's instances; None is the latter for many instances in f32, otherwise "bvh". `backend` is one of
+    `sh.backends()`, None for the default; `precision` "f32", "f64" or "f16". Raises SceneError unless it is a mesh or a
+    scene, and for another accelerator or precision.
 
     `accel` may also be a `LayeredCube` of the mesh, or "ldc", "ldc:resolution" or "ldc:resolution:hit", which make one:
     `intersect` and `occluded` are then as exact as the cube is; `count` and `all_hits` raise SceneError.
@@ -75,7 +79,7 @@ class Intersector:
     def __init__(
         self,
         mesh_or_scene: Mesh | Scene,
-        accel: str | LayeredCube = "bvh",
+        accel: str | LayeredCube | None = None,
         backend: str | None = None,
         precision: str = "f32",
     ) -> None:
@@ -83,11 +87,16 @@ class Intersector:
             raise SceneError(f"an Intersector takes a Mesh or a Scene, not {type(mesh_or_scene).__name__}")
         if precision not in WORKING:
             raise SceneError(f"the precision is one of {', '.join(map(repr, WORKING))}, not {precision!r}")
+        if accel is None:
+            shares = precision == "f32" and isinstance(mesh_or_scene, Scene) and shares_many(mesh_or_scene)
+            accel = INSTANCES if shares else "bvh"
         layered = isinstance(accel, LayeredCube) or is_layered(accel)
         if layered and precision != "f32":
             raise SceneError(f'a layered depth cube works at precision="f32", not {precision!r}')
         if not isinstance(accel, LayeredCube) and not layered:
-            check(accel)
+            check(accel, INSTANCES)
+        if accel == INSTANCES and precision != "f32":
+            raise SceneError(f'accel="instances" works at precision="f32", not {precision!r}')
         self._accel = accel
         self._pose: Pose | None = None
         self._source = mesh_or_scene
@@ -98,10 +107,12 @@ class Intersector:
         self._kernels: dict[Any, Any] = {}
         self._geometry = self._still_geometry(backend)
 
-    def _still_geometry(self, backend: str | None) -> Geometry:
+    def _still_geometry(self, backend: str | None) -> Geometry | InstancedGeometry:
         """Return the triangles as they were given, and build the accelerator over them."""
         source, precision = self._source, self._precision
         meshes = tuple(source.meshes) if isinstance(source, Scene) else (source,)
+        if self._accel == INSTANCES and any(map(len, meshes)):
+            return InstancedGeometry(source, self._target)
         check_expansion(source.name, meshes)
         parts = [mesh.corners for mesh in meshes if len(mesh)]
         corners, origin, scale = to_kernel(np.concatenate([np.zeros((0, 3, 3)), *parts]), precision)
@@ -131,9 +142,10 @@ class Intersector:
         axes; it may mirror.
 
         `move(name, transform)` places the meshes of a name, or the one of a number, among the others, by any matrix
-        that `Renderer.move` takes; the hits are the same as for a new Intersector of the moved scene. The first move of
-        an object gives it an accelerator of its own; later ones change its parts of the tables alone, unless the scene
-        grows beyond the next power of two. `closest_point`, and on a grid `count` and `all_hits`, build a hierarchy
+        that `Renderer.move` takes; the hits are the same as for a new Intersector of the moved scene. Instances that
+        share their triangles cost a hierarchy over all instances, other meshes beside them a new layout. Elsewhere the
+        first move of an object gives it an accelerator of its own; later ones change its parts of the tables alone,
+        unless the scene grows beyond the next power of two. `closest_point`, and on a grid `count` and `all_hits`, build a hierarchy
         anew after a move. Programs that `trace` the scene see later moves; one that was recorded before the first move
         of an object raises SceneError when it runs.
 
@@ -144,6 +156,7 @@ class Intersector:
             return
         transform = name if transform is None else transform
         self._pose = None if transform is None else Pose.of(transform)
+        vars(self).pop("_expanded", None)
         if "_component" in self.__dict__:
             self._component.place.put(self._placed)
 
@@ -199,6 +212,9 @@ class Intersector:
 
     def _move_one(self, name: Any, transform: ArrayLike) -> None:
         """Move the meshes of a name or a number."""
+        if isinstance(self._geometry, InstancedGeometry):
+            self._move_instances(self._geometry, name, transform)
+            return
         moved = self._moved or MovedObjects(self._source, self._accel, self._precision, self._target)
         renewed = moved.move(name, transform)
         self._moved, self._geometry = moved, moved.geometry
@@ -208,12 +224,22 @@ class Intersector:
         several = SEVERAL if self._accel == "grid" else ()
         self._kernels = {key: kernel for key, kernel in self._kernels.items() if not renewed and key[0] not in several}
 
+    def _move_instances(self, geometry: InstancedGeometry, name: Any, transform: ArrayLike) -> None:
+        """Move the meshes of a name or a number where instances share their triangles."""
+        renewed, walks = geometry.move(name, transform), vars(self).get("_walks")
+        vars(self).pop("_expanded", None)
+        if renewed or (walks is not None and not walks.place(geometry.structure)):
+            vars(self).pop("_walks", None)
+            self._kernels = {}
+            self._renew_component(name, True)
+
     def _renew_component(self, name: Any, renewed: bool) -> None:
         """Let programs that trace the scene see a move; those whose tables are out of use raise when they run."""
         component: Component | None = self.__dict__.get("_component")
-        if component is None or self._moved is None:
+        if component is None:
             return
         if not renewed:
+            assert self._moved is not None
             component.renew(self._moved.layout.normals, self._moved.changed)
             return
         component.precision.stale = (
@@ -332,8 +358,9 @@ class Intersector:
         """Find the point of the mesh that is closest to each of `points` (..., 3).
 
         Of triangles at the same distance that of the lowest number. Errors are a few roundings of float32 of the mesh's
-        size and of the distance. Raises SceneError for other shapes, for numbers that are not real or not finite, and
-        for another precision than "f32".
+        size and of the distance. Instances that share their triangles get triangles of their own, with the first call.
+        Raises SceneError for other shapes, for numbers that are not real or not finite, and for another precision than
+        "f32".
         """
         if self._precision != "f32":
             raise SceneError(f'closest_point works at precision="f32", not {self._precision!r}')
@@ -342,6 +369,8 @@ class Intersector:
         if not finite.all():
             raise SceneError(f"points contain NaN or infinity, first in point {np.argwhere(~finite)[0].tolist()}")
         shape, flat = query_points.shape[:-1], query_points.reshape(-1, 3).astype(np.float64, copy=False)
+        if isinstance(self._geometry, InstancedGeometry):
+            return self._expanded.closest_point(query_points)
         if self._geometry.structure is None or not len(flat):
             return Closest(np.full(query_points.shape, np.nan), np.full(shape, np.inf), np.full(shape, -1, np.int32))
         own = flat if self._pose is None else self._pose.inside(flat)
@@ -365,7 +394,7 @@ class Intersector:
         points = np.full((*hits.triangle.shape, 3), np.nan)
         met = hits.triangle >= 0
         if met.any():
-            corners = self._geometry.corners[hits.triangle[met]]
+            corners = self._geometry.corners_at(hits.triangle[met])
             u, v = (part[met].astype(np.float64)[:, None] for part in (hits.u, hits.v))
             mean = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
             points[met] = self._outside(mean / self._geometry.frame.scale + self._geometry.frame.origin)
@@ -432,6 +461,7 @@ class Intersector:
     def _way(self, rays: Rays) -> Way:
         """Return how rays walk: where they diverge, each goes through the BVH in a packet of one lane."""
         structure, frame = self._geometry.structure, self._geometry.frame
+        structure = structure.top if isinstance(structure, TwoLevels) else structure
         if not self._walks.has_wide or not isinstance(structure, Bvh) or np.any(rays.near < 0):
             return "any"
         low, high = (side[0] / frame.scale + frame.origin for side in (structure.low, structure.high))
@@ -445,13 +475,20 @@ class Intersector:
     @cached_property
     def _component(self) -> Component:
         """The walk as a component of programs, made on first use."""
-        surfaces, frame = Surfaces.of(self._geometry.meshes, self._floats), self._geometry.frame
+        surfaces, frame = self._geometry.surfaces, self._geometry.frame
         return Component(self._walks.walk, frame.origin, frame.scale, self._precision, surfaces, self._placed)
 
     @property
     def _placed(self) -> Any:
         """The pose by which programs trace this mesh."""
         return self._pose and (self._pose.turn, self._pose.back, self._pose.offset)
+
+    @cached_property
+    def _expanded(self) -> Intersector:
+        """The triangles of all instances, each in a place of its own, for closest points."""
+        expanded = Intersector(Scene(self._geometry.meshes, camera=CAMERA), "bvh", self._options["backend"])
+        expanded._pose = self._pose
+        return expanded
 
     @cached_property
     def _closest(self) -> Any:

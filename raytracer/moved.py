@@ -17,10 +17,12 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.choice import MOVABLE
+from raytracer.accel.space import WORKING
 from raytracer.appearance.materials import Material
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import Whitted
 from raytracer.integrators.motion import Motion, all_or_nothing, moved_rows, object_cubes
+from raytracer.kernels.component import Surfaces
 from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import Walk
 from raytracer.kernels.walk import QueryWalks, SplitWalk, Structure, renew_walk, walk_with
@@ -31,7 +33,7 @@ from raytracer.scene.camera import Camera
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
 
-_CAMERA = Camera((0, 0, 1), (0, 0, 0))
+CAMERA = Camera((0, 0, 1), (0, 0, 0))
 """A camera that nobody looks through, so that none is framed."""
 
 
@@ -49,6 +51,15 @@ class Geometry:
     rows: NDArray[Any]
     structure: Structure | None
     moved: Walk | None = None
+
+    @property
+    def surfaces(self) -> Surfaces:
+        """The attributes of the triangles."""
+        return Surfaces.of(self.meshes, WORKING[self.frame.precision])
+
+    def corners_at(self, triangles: NDArray[Any]) -> NDArray[Any]:
+        """Return the corners (n, 3, 3) of triangles by their numbers (n,)."""
+        return self.corners[triangles]
 
     def walks(self, backend: str) -> QueryWalks:
         """Return the walks of queries on a backend."""
@@ -132,7 +143,7 @@ class MovedObjects:
         """Make the accelerators and tables, each moving object its own."""
         motion, before = self._motion, self.layout.secondary if self._moving else None
         self._moving = tuple(sorted(motion.changed | set(self._moving)))
-        scene = Scene(motion.meshes, camera=_CAMERA)
+        scene = Scene(motion.meshes, camera=CAMERA)
         layout = Layout.of(scene, self.structure, self.precision, None, self._moving, self.backend)
         self._split: Walk | SplitWalk
         if self._cubes is None:

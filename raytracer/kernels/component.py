@@ -26,7 +26,7 @@ from raytracer.errors import SceneError, users_line
 from raytracer.kernels.point import barylerp, curve_depth, curved_normal, place_of, rows_of
 from raytracer.kernels.queries import QueryRay
 from raytracer.kernels.triangle import AheadBound, Walk
-from raytracer.kernels.walk import HitValue
+from raytracer.kernels.walk import HitValue, InstanceValue
 from raytracer.meshes import Mesh
 from raytracer.scene.layout import normal_rows, uv_rows
 from shpy import SH_IF
@@ -76,16 +76,30 @@ class FoundHit(NamedTuple):
     shrink: sh.Attrib1f
 
 
+class FoundInstance(NamedTuple):
+    """A `FoundHit`, and the place `uv` in the triangle `id` of an instance, in the part's coordinates."""
+
+    t: sh.Attrib1f
+    triangle: sh.Attrib1i
+    uv: sh.TexCoord2f
+    shrink: sh.Attrib1f
+    id: sh.Attrib1i
+    own_uv: sh.TexCoord2f
+    instance: sh.Attrib1i
+
+
 @dataclass(frozen=True, eq=False)
 class Surfaces:
     """The normals, uv coordinates and meshes of triangles: rows as those of `Layout`, None where no mesh has any.
 
-    `object_of` (N,) is each triangle's mesh, None if all of them belong to mesh 0.
+    `object_of` (N,) is each triangle's mesh, None if all of them belong to mesh 0. `mesh_of` (I,) is the mesh of each
+    instance, 0 for that of the settled triangles; None without instances.
     """
 
     normals: Rows | None
     uvs: Rows | None
     object_of: NDArray[np.int32] | None
+    mesh_of: NDArray[np.int32] | None = None
 
     @classmethod
     def of(cls, meshes: Sequence[Mesh], floats: type[np.floating[Any]]) -> Surfaces:
@@ -205,6 +219,7 @@ class Component:
         self._normals = _table(surfaces.normals, sh.Attrib4f, "normals")
         self._uvs = _table(surfaces.uvs, sh.TexCoord2f, "uvs")
         self._object_of = _table(surfaces.object_of, sh.Attrib1i, "object_of")
+        self._mesh_of = _table(surfaces.mesh_of, sh.Attrib1i, "mesh_of")
         self._finders: dict[AheadBound | None, Any] = {}
 
     def trace(self, ray: tuple[Any, Any, Any, Any], bound: AheadBound | None) -> TracedHit:
@@ -215,7 +230,7 @@ class Component:
         inside = partial(sh.cond, hit)
         normal, face, position = self.point(nearest, *ray[:2])
         uv = sh.TexCoord2f(0, 0) if self._uvs is None else inside(self._lerp(self._uvs, nearest), 0.0)
-        number = inside(0 if self._object_of is None else self._object_of[nearest.triangle], -1)
+        number = inside(self._object(nearest), -1)
         result: TracedHit = struct(
             nearest.t, nearest.triangle, nearest.uv.x, nearest.uv.y, hit, number,
             inside(normal, 0.0), uv, inside(face, 0.0), inside(position, 0.0),
@@ -250,8 +265,8 @@ class Component:
         """Return the normal, the normal of the triangle and the point of a hit, as in `TracedHit`."""
         eye, ray = self.place.own(origin, direction)
         eye, ray = (eye - self.place.origin) * self.place.scale, ray * nearest.shrink
-        hit: Any = HitValue(nearest.t * (self.place.scale / nearest.shrink), nearest.triangle, nearest.uv)
-        corners = self.walk.triangles[hit.id]
+        hit = self._own_hit(nearest, nearest.t * (self.place.scale / nearest.shrink))
+        corners = self.walk.triangles.corners_of(hit)
         front = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         side = sh.cond(sh.dot(front, ray) > 0, -1.0, 1.0)
         face = side * front
@@ -260,14 +275,28 @@ class Component:
         position, normal = point + beside * face, face
         if self._normals is not None:
             normals = rows_of(self._normals, hit)
+            if self._mesh_of is not None:
+                normals = [self.walk.triangles.instances[hit.instance].normal(normal) for normal in normals]
             normal = curved_normal(hit, normals, side, face)
             position -= curve_depth(hit, normals, point, places, side)
         outward = self.place.turned(face)
         return self.place.turned(normal), outward, self.place.world(position, outward)
 
     def _lerp(self, table: Any, nearest: Any) -> Any:
-        hit: Any = HitValue(nearest.t, nearest.triangle, nearest.uv)
+        hit = self._own_hit(nearest, nearest.t)
         return barylerp(hit, *rows_of(table, hit))
+
+    def _own_hit(self, nearest: Any, t: Any) -> Any:
+        """Return a hit by the numbers that tables of triangles have."""
+        if self._mesh_of is None:
+            return HitValue(t, nearest.triangle, nearest.uv)
+        return InstanceValue(t, sh.max(nearest.id, 0), nearest.own_uv, sh.max(nearest.instance, 0))
+
+    def _object(self, nearest: Any) -> Any:
+        """Return the number of the mesh of a hit."""
+        hit = self._own_hit(nearest, nearest.t)
+        number = 0 if self._object_of is None else self._object_of[hit.id]
+        return number if self._mesh_of is None else number + self._mesh_of[hit.instance]
 
 
 def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
@@ -275,16 +304,18 @@ def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
 
     A `t_max` from `UNLIMITED` on is no limit, whatever the direction's length.
     """
+    kind: Any = FoundHit if walk.triangles.instances is None else FoundInstance
 
     @sh.subroutine
     def find_hit(
         origin: sh.Point3f, direction: sh.Vector3f, t_min: sh.Attrib1f, t_max: sh.Attrib1f, any_hit: sh.Attrib1b
-    ) -> FoundHit:
+    ) -> kind:
         eye, ray = place.own(origin, direction)
         converted = QueryRay(eye, ray, t_min, t_max, place.origin, place.scale, exact=False, keeps_unit=True)
         limit = sh.cond(~converted.wrong & (t_max >= UNLIMITED), far(), converted.limit)
         hit = walk(converted.ray, converted.eye, converted.near, limit, any_hit)
-        return FoundHit(converted.outside(hit.l, hit.id), hit.id, hit.uv, converted.shrink)
+        own = () if hit.instance is None else (hit.id, hit.uv, hit.instance)
+        return kind(converted.outside(hit.l, hit.id), *hit.in_scene, converted.shrink, *own)
 
     return find_hit
 

@@ -58,6 +58,12 @@ class InstanceHit(RayHit):
         """The variables that say what was hit, and where."""
         return *super().parts, self.instance
 
+    @property
+    def in_scene(self) -> tuple[Any, Any]:
+        """The number of the triangle among those of all meshes, and the weights of its corners 1 and 2 there."""
+        turned = self.instances.turned(sh.max(self.instance, 0), self.uv.x, self.uv.y, 1.0)
+        return self.order, sh.TexCoord2f(*turned)
+
     def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
         """Take the triangle `number` of the instance if it is `met` at a distance `t` less than `l`.
 
@@ -124,6 +130,7 @@ class NumberedHit:
 
     def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
         """Offer the triangle `number` of the instance to the hit."""
+        weights = *self.instances.turned(self.inside, *weights), weights[2]
         self.hit.offer(met, t, self.instances.order_of(number, self.inside), weights)
 
 
@@ -153,6 +160,10 @@ class Instances:
     def order_of(self, number: Any, instance: Any) -> Any:
         """Return the number of a triangle of an instance among those of all instances."""
         return self.order[number] + self.numbers[instance].y
+
+    def turned(self, instance: Any, wb: Any, wc: Any, whole: Any) -> tuple[Any, Any]:
+        """Return the weights of corners 1 and 2 in the scene, where those of a mirrored mesh are in the other order."""
+        return wb, sh.cond(self[instance].hand < 0, whole - wb - wc, wc)
 
     def hit_of(self, hit: Any) -> Any:
         """Return a hit to which a walk offers the triangles of instances."""

@@ -187,7 +187,7 @@ def intersect(walk: Walk, exact: bool) -> Any:
 
     def answer(query: QueryRay) -> NearestHit:
         hit = walk(query.ray, query.eye, query.near, query.limit, False)
-        return NearestHit(query.outside(hit.l, hit.id), hit.id, hit.uv, query.wrong)
+        return NearestHit(query.outside(hit.l, hit.id), *hit.in_scene, query.wrong)
 
     return _recorded("intersect", answer, NearestHit, exact)
 

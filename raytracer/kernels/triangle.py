@@ -93,6 +93,11 @@ class RayHit:
         """The variables that say what was hit, and where."""
         return self.l, self.id, self.uv
 
+    @property
+    def in_scene(self) -> tuple[Any, Any]:
+        """The number of the triangle among those of all meshes, and the weights of its corners 1 and 2 there."""
+        return self.id, self.uv
+
     def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
         """Take the triangle `number` if it is `met` at a distance `t` less than `l`.
 
@@ -388,8 +393,8 @@ class Walk(ABC):
         return RayHit(limit, self.accept)
 
     def place(self, levels: Any) -> bool:
-        """Update the tables of instances that have moved; return whether they fit. Walks of one level have none."""
-        raise NotImplementedError
+        """Update the tables of instances that have moved; return whether they fit, as none does in one level."""
+        return False
 
     @abstractmethod
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:

@@ -234,8 +234,10 @@ class QueryWalks:
 
     def walk_for(self, query: str, bound: AheadBound | None, way: Way = "any") -> Walk:
         """Return the walk for a query of this name, of rays that go this way."""
-        if way != "any":
-            return (self.wide if way == "alone" else self.packets).bounded(bound)
+        if way == "alone":
+            return self.wide.bounded(bound)
+        if way == "packets" and not isinstance(self.structure, TwoLevels):
+            return self.packets.bounded(bound)
         # A grid of several cells may visit a triangle twice.
         if query in SEVERAL and isinstance(self.structure, Grid) and self.structure.shape != (1, 1, 1):
             return walk_with(self.tree, self.tree_triangles, self.backend, bound)
@@ -245,6 +247,11 @@ class QueryWalks:
     def has_wide(self) -> bool:
         """Return whether scattered rays walk alone, and alike ones as packets."""
         return self.moved is None and has_wide(self.structure, self.backend, None)
+
+    def place(self, levels: TwoLevels) -> bool:
+        """Update the walks that were made after instances have moved; return whether they fit."""
+        self.structure = levels
+        return all(walk.place(levels) for name in ("wide", "walk") if (walk := vars(self).get(name)) is not None)
 
     @cached_property
     def walk(self) -> Walk:
@@ -259,6 +266,8 @@ class QueryWalks:
     @cached_property
     def wide(self) -> WideIntersector:
         """The walk of lone rays."""
+        if isinstance(self.structure, TwoLevels):
+            return WideInstanceIntersector(self.structure, self.triangles, backend=self.backend)
         return WideIntersector(self.tree, self.tree_triangles, backend=self.backend)
 
     @cached_property
