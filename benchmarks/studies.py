@@ -8,9 +8,10 @@ device, otherwise on numpy.
 
 from __future__ import annotations
 
+import itertools
 import time
 import tracemalloc
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from typing import Any
@@ -108,18 +109,40 @@ def instances(setup: Setup) -> Table:
     rows, rounds = [], {}
     for count in counts:
         seconds, peak, tables, scene = _laid_out(knotted, count)
-        kinds = {"instances": "instances"} | ({"own": "bvh"} if count < 500 else {})
-        renderers = {name: Renderer(scene, backend=backend(), accel=accel) for name, accel in kinds.items()}
-        times = in_turns({name: partial(r.render, (size, size)) for name, r in renderers.items()}, ROUNDS)
-        frame_times = [
-            f"{1e3 * min(times[name].seconds):.1f}" if name in times else "" for name in ("instances", "own")
-        ]
         numbers = [f"{seconds:.2f}", f"{peak / 1e6:.0f}", f"{tables / 1e6:.1f}"]
-        rows.append([f"{count:,}", f"{scene.triangles:,}", *numbers, *frame_times])
-        rounds |= {f"{count}, {name}": t.seconds for name, t in times.items()}
-    note = f"Knots of {len(knotted):,} triangles, described and laid out; frames of {size} x {size} on {backend()}."
-    head = ["instances", "triangles", "CPU s", "peak MB", "MB of tables", "ms of a frame", "ms, triangles of their own"]
+        runs = _frames_of_instances(scene, size, ("instances", "bvh") if count < 500 else ("instances",))
+        for name, contenders in runs.items():
+            times = in_turns(contenders, ROUNDS)
+            numbers.append(" / ".join(f"{1e3 * min(t.cpu):.1f}" for t in times.values()))
+            rounds |= {f"{count}, {name}, {accel}": t.cpu for accel, t in times.items()}
+        rows.append([f"{count:,}", f"{scene.triangles:,}", *numbers])
+    note = (
+        f"Knots of {len(knotted):,} triangles, described and laid out; CPU ms of frames of {size} x {size} on "
+        f"{backend()}, where instances share triangles / have triangles of their own."
+    )
+    head = ["instances", "triangles", "CPU s", "peak MB", "MB of tables", "frame", "path traced", "a move and a frame"]
     return Table("instances", note, head, rows, rounds)
+
+
+def _frames_of_instances(scene: Scene, size: int, accels: Sequence[str]) -> dict[str, dict[str, Callable[[], Any]]]:
+    """Return what draws a frame, a path traced one, and one after a move, for each accelerator."""
+    runs: dict[str, dict[str, Callable[[], Any]]] = {"frame": {}, "path": {}, "move": {}}
+    for accel in accels:
+        moved, path = (
+            Renderer(scene, backend=backend(), integrator=name, accel=accel, samples=1) for name in ("whitted", "path")
+        )
+        runs["frame"][accel] = partial(Renderer(scene, backend=backend(), accel=accel).render, (size, size))
+        runs["path"][accel] = partial(path.render, (size, size))
+        runs["move"][accel] = partial(_moved_frame, moved, size, itertools.count())
+    return runs
+
+
+def _moved_frame(renderer: Renderer, size: int, steps: Iterator[int]) -> None:
+    """Draw a frame after a move of the first object."""
+    place = np.eye(4)
+    place[0, 3] = 0.01 * (next(steps) % 10)
+    renderer.move(0, place)
+    renderer.render((size, size))
 
 
 def _laid_out(mesh: Mesh, count: int) -> tuple[float, int, int, Scene]:

@@ -90,7 +90,7 @@ class InstancedGeometry:
         corners = np.einsum("nij,nkj->nki", rows[:, :3, :3], own) + rows[:, None, :3, 3]
         mirrored = rows[:, 8, 3] < 0
         corners[mirrored] = corners[mirrored, ::-1]
-        return corners
+        return np.asarray(corners)
 
     def move(self, name: str | int, transform: ArrayLike) -> bool:
         """Place the meshes of a name, or the one of a number; return True where the layout is made anew.

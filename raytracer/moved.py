@@ -14,6 +14,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.choice import MOVABLE
@@ -59,7 +60,7 @@ class Geometry:
 
     def corners_at(self, triangles: NDArray[Any]) -> NDArray[Any]:
         """Return the corners (n, 3, 3) of triangles by their numbers (n,)."""
-        return self.corners[triangles]
+        return np.asarray(self.corners[triangles])
 
     def walks(self, backend: str) -> QueryWalks:
         """Return the walks of queries on a backend."""

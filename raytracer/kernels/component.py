@@ -96,8 +96,8 @@ class Surfaces:
     instance, 0 for that of the settled triangles; None without instances.
     """
 
-    normals: Rows | None
-    uvs: Rows | None
+    normals: NDArray[Any] | None
+    uvs: NDArray[Any] | None
     object_of: NDArray[np.int32] | None
     mesh_of: NDArray[np.int32] | None = None
 
@@ -274,7 +274,7 @@ class Component:
         point, beside = place_of(self.walk.triangles, self.roundoff, hit, places, front, ray, eye)
         position, normal = point + beside * face, face
         if self._normals is not None:
-            normals = rows_of(self._normals, hit)
+            normals: Any = rows_of(self._normals, hit)
             if self._mesh_of is not None:
                 normals = [self.walk.triangles.instances[hit.instance].normal(normal) for normal in normals]
             normal = curved_normal(hit, normals, side, face)

@@ -7,7 +7,8 @@ Stage: kernel. Takes what `accel.choice.build` gives; gives a `Walk`, which a ke
 | grid, brute         | all                                         | GridIntersector                          |
 | grid beside objects | all                                         | GridBeside: the hierarchy, then the grid |
 | grid                | queries for several hits, closest points    | those of a hierarchy built for them      |
-| instances           | all                                         | InstanceIntersector, on OpenCL in packets |
+| instances           | scattered, on OpenCL                        | WideInstanceIntersector, each ray alone  |
+| instances           | all others                                  | InstanceIntersector, on OpenCL in packets |
 | bvh                 | all that are named in no other row          | BvhIntersector, on OpenCL in packets     |
 | bvh                 | queries for alike rays, on OpenCL in f32    | PacketIntersector                        |
 | bvh                 | scattered, on OpenCL in f32; closest points | WideIntersector, each ray alone          |

@@ -171,7 +171,7 @@ def test_rays_that_cannot_be(origins, directions, more, words):
 
 
 def test_arguments_that_cannot_be():
-    with pytest.raises(SceneError, match="one of 'bvh', 'grid', 'brute', 'ldc:1024', not 'octree'"):
+    with pytest.raises(SceneError, match="one of 'bvh', 'grid', 'brute', 'instances', 'ldc:1024', not 'octree'"):
         Intersector(box(), accel="octree")
     with pytest.raises(SceneError, match="the precision is one of 'f16', 'f32', 'f64', not 'f8'"):
         Intersector(box(), precision="f8")
