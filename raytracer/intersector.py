@@ -145,9 +145,9 @@ class Intersector:
         that `Renderer.move` takes; the hits are the same as for a new Intersector of the moved scene. Instances that
         share their triangles cost a hierarchy over all instances, other meshes beside them a new layout. Elsewhere the
         first move of an object gives it an accelerator of its own; later ones change its parts of the tables alone,
-        unless the scene grows beyond the next power of two. `closest_point`, and on a grid `count` and `all_hits`, build a hierarchy
-        anew after a move. Programs that `trace` the scene see later moves; one that was recorded before the first move
-        of an object raises SceneError when it runs.
+        unless the scene grows beyond the next power of two. `closest_point`, and on a grid `count` and `all_hits`,
+        build a hierarchy anew after a move. Programs that `trace` the scene see later moves; one that was recorded
+        before the first move of an object raises SceneError when it runs.
 
         Raises SceneError for unknown names, naming those that there are, for other matrices, and for accel="brute".
         """
