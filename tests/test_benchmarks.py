@@ -177,10 +177,8 @@ def test_a_study_gives_a_table(name, row, mesh, capsys):
 def doubled(peer):
     """Return a work whose peer has a process of its own."""
     work = Work("doubled", "{size} numbers", lambda size: (np.arange(size),), 4, 4, within=0)
-    versions = {"masks": lambda a: lambda: 2 * a, "numba": lambda a: lambda: (os.getpid(), 2 * a)[1]}
-    for name, version in versions.items():
-        work.version(name)(version)
-    work.version("jax")(lambda a: lambda: np.full(4, os.getpid()))
+    for name in ("masks", "numba"):
+        work.version(name)(lambda a: lambda: 2 * a)
     work.version("warp")(lambda a: lambda: a.nothing)
     work.version("drjit")(lambda a: lambda: os._exit(3))
     work.version("taichi")(lambda a: AbortsLater())
@@ -203,16 +201,15 @@ class AbortsLater:
 def test_peers_have_processes_of_their_own(monkeypatch):
     """Their answers, errors and ends arrive here."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-    names = ["masks", "taichi", "numba", "jax", "warp", "drjit"]
+    names = ["masks", "taichi", "numba", "warp", "drjit"]
     measured = rounds.run(doubled(None), 4, names, rounds=2, find=doubled)
     assert measured.agreement["numba"].same
-    assert measured.agreement["jax"].largest > 0
     assert measured.failed == {
         "warp": "AttributeError: 'numpy.ndarray' object has no attribute 'nothing'",
         "drjit": "its process ended by exit status 3",
         "taichi": "its process ended by SIGABRT",
     }
-    assert {name: len(seconds) for name, seconds in measured.seconds.items()} == {"masks": 2, "numba": 2, "jax": 2}
+    assert {name: len(seconds) for name, seconds in measured.seconds.items()} == {"masks": 2, "numba": 2}
     cells = {row[0]: row for row in report.table(measured).rows}
     assert cells["Taichi"] == ["Taichi", *[""] * 9, "failed: its process ended by SIGABRT"]
 
@@ -295,9 +292,8 @@ def test_peers_of_studies_have_processes_of_their_own(monkeypatch):
         assert run(0)[0].tolist() == [1, 2, 3]
         times = rounds.in_turns({"numpy": run, "here": list}, 3)
         assert all(len(t.seconds) == len(t.cpu) == 3 and min(t.seconds) > 0 for t in times.values())
-    with rounds.peer_run("masks", os.abort) as run, pytest.raises(rounds.Failed) as error:
-        run(0)
-    assert str(error.value) == "numpy, plain masks: its process ended by SIGABRT"
+        with pytest.raises(rounds.Failed, match=r"^numpy, plain masks: TypeError: "):
+            run("many")
 
 
 SLOW = pytest.mark.slow

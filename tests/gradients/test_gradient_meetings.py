@@ -105,6 +105,7 @@ def bent(x: sh.Attrib3f, k: sh.Attrib1f) -> sh.Attrib1f:
     return root(sh.dot(x, x) * WEIGHT) * sh.sin(k)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_derivatives_are_computed_in_other_processes(mode: Any) -> None:
     """A gradient by an input and a Param, through a rule of its own, and one whose function stores into an array."""
