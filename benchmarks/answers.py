@@ -263,7 +263,7 @@ def starts(results: Results) -> list[str | Rows]:
     for program, backend, *_, cold, warm in results.part("compiling"):
         if backend in backends:
             rows.setdefault(program, []).extend((cold, warm))
-    rows["`raytracer render`"] = [cell for row in results.part("starting") if row[0] in backends for cell in row[1:]]
+    rows["`raytracer render`"] = [cell for row in results.part("starting") if row[0] in backends for cell in row[1:3]]
     head = ["", *(f"{backend}, {state}" for backend in backends for state in ("cold", "warm"))]
     imports = [f"{row[0]} {row[1]} ({row[2]})" for row in results.part("importing")]
     return [

@@ -461,7 +461,7 @@ def test_blocks_of_dask(eager):
 
 
 def test_a_pause_says_what_the_caller_waits_for(eager, monkeypatch, capsys):
-    monkeypatch.setattr("shpy.run.slow.PATIENCE", 0.0)
+    monkeypatch.setattr("shpy.backend.slow.PATIENCE", 0.0)
     monkeypatch.delenv("SHPY_QUIET")
 
     @sh.program

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.run import slow
+from shpy.backend import slow
 
 
 @sh.subroutine

@@ -20,6 +20,7 @@ import shpy as sh
 from raytracer.accel.bounds import lower
 from raytracer.accel.planes import constant
 from raytracer.accel.programs import LateProgram
+from shpy import SH_FOR
 
 Sides = Sequence[NDArray[np.float32]]
 Side = sh.Table[sh.Attrib1f]
@@ -68,18 +69,20 @@ def partner(x: Side, y: Side, z: Side, past_x: Side, past_y: Side, past_z: Side)
     own = [side[place] for side in sides]
     least = sh.Attrib1f(np.inf)
     nearest = sh.Attrib1i(place)
-    for apart in range(1, REACH + 1):
+
+    def compare(apart: Any, is_tie: Any = False) -> None:
         before = _surface(own, [side[place - apart] for side in sides])
         after = _surface(own, [side[place + apart] for side in sides])
         nearer = (place >= apart) & (before < least)
-        least = sh.cond(nearer, before, least)
-        nearest = sh.cond(nearer, place - apart, nearest)
-        nearer = after < least
-        if apart == 1:
-            nearer = nearer | ((after == least) & (place % 2 == 0))
-        nearer = nearer & (place + apart < total)
-        least = sh.cond(nearer, after, least)
-        nearest = sh.cond(nearer, place + apart, nearest)
+        least[:] = sh.cond(nearer, before, least)
+        nearest[:] = sh.cond(nearer, place - apart, nearest)
+        nearer = ((after < least) | (after == least) & is_tie) & (place + apart < total)
+        least[:] = sh.cond(nearer, after, least)
+        nearest[:] = sh.cond(nearer, place + apart, nearest)
+
+    compare(1, place % 2 == 0)
+    with SH_FOR(2, REACH + 1) as apart:
+        compare(apart)
     return nearest
 
 

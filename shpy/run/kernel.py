@@ -20,6 +20,7 @@ from shpy.backend.base import Backend, Call, Device, Executable, Memory, Options
 from shpy.backend.device.listed import ListedKernel
 from shpy.backend.dump import dump
 from shpy.backend.registry import AUTO, backend as backend_named
+from shpy.backend.slow import announced
 from shpy.errors import BackendUnavailable, LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic
 from shpy.ir.collector import uncollected
@@ -42,7 +43,6 @@ from shpy.run.bound import KEPT, Bound, Ran, bound_of, signature
 from shpy.run.expanding import axes, expanding
 from shpy.run.on_device import PreparedCall, check_places, has_elements_of, memory_of, prepare
 from shpy.run.result import Result
-from shpy.run.slow import announced
 from shpy.run.tiers import QUICK, TieredExecutable, auto
 from shpy.streams.elements import InputLeaf
 from shpy.streams.stream import Place, Stream, streams_in

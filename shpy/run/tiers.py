@@ -30,6 +30,7 @@ from typing import Any, Final
 
 from shpy.backend.base import Array, Call, Device, DeviceCall, Executable, Options, Space
 from shpy.backend.registry import AUTO, backend as backend_named
+from shpy.backend.slow import announced
 from shpy.errors import ShpyError, raise_interrupt
 from shpy.ieee import ieee_arithmetic
 from shpy.ir.collector import uncollected
@@ -37,7 +38,6 @@ from shpy.ir.nodes import Loc, Module
 from shpy.ir.text import print_module
 from shpy.ir.traverse import walk
 from shpy.passes.modes import REPRODUCIBLE
-from shpy.run.slow import announced
 
 QUICK: Final = "numpy"
 BETTER: Final = "opencl"

@@ -21,7 +21,7 @@ import threading
 import traceback
 from typing import Any, Final
 
-from shpy.run.slow import hear
+from shpy.backend.slow import hear
 from shpy.view.wire import Line
 
 _PR_SET_PDEATHSIG: Final = 1

@@ -4,6 +4,7 @@ A run that is warm, whole and alone takes one way through the runtimes. Under `s
 the seed repeats, takes the others, on every backend:
 
 - runs are split into two, three and many dispatches, or not split, whatever their pace says;
+- OpenCL kernels of any size are built without optimization first, and again, optimized, between any two dispatches;
 - memory that a pool hands out is filled with a signalling NaN, and memory that it takes back is overwritten at once;
 - a call is made twice, and the second one, which repeats the steps of the first, gives the result;
 - whatever the runtimes choose by size or by measurement is chosen by chance: tiles, bands, lists of live elements,
@@ -36,6 +37,7 @@ from shpy.backend.device import listed, pace, pool
 from shpy.backend.glsl.device import memory as glsl_memory, run as glsl_runtime, textures as glsl_textures
 from shpy.backend.numpy.device import run as numpy_runtime
 from shpy.backend.opencl.device import (
+    building,
     driver as opencl_device,
     memory as opencl_memory,
     run as opencl_runtime,
@@ -139,6 +141,10 @@ class Stress:
                 executable._better = executable._refusal = None
             return run(executable, call)
 
+        stack.enter_context(patch.object(building, "LARGE", self.random.choice((1, *[building.LARGE] * 3))))
+        stack.enter_context(
+            patch.object(pace.Watch, "pays", property(lambda watch: watch.watches and self.chance(0.2)))
+        )
         stack.enter_context(patch.object(tiers, "_LOOK", 0.0))
         stack.enter_context(patch.object(tiers, "_COLD", (0.0, 0.0)))
         stack.enter_context(patch.object(tiers, "_START", 0.0))

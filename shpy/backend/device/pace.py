@@ -127,3 +127,66 @@ class Pace:
             self.elements = min(int(fitting), GROWTH * self.elements)
         elif seconds < BRIEF:  # but that it fits itself: to wait for a small run takes as long as the run
             self.elements = max(self.elements, elements)
+
+
+class Watch(Pace):
+    """The pace of a kernel that was built in a hurry, which tells when a better build pays.
+
+    Every dispatch is timed, until the seconds of all of them, and those that the rest of the current run is expected
+    to take, reach what the better build is expected to cost (`worth`). So both builds and the runs of the first one
+    take at most about twice as long as the better choice of the two would have (the ski rental problem, see
+    `run/tiers`).
+    """
+
+    def __init__(
+        self, seconds: float, clock: Callable[[], float] = time.perf_counter, *, bounded: bool, worth: float
+    ) -> None:
+        super().__init__(seconds, clock, bounded=bounded)
+        self.watches = True
+        self._worth, self._spent, self._rest = worth, 0.0, 0.0
+        self._left = 0
+        """Elements that the current run has still to do."""
+
+    @property
+    def pays(self) -> bool:
+        """Return whether the better build pays, and was not made yet."""
+        return self.watches and self._spent + self._rest >= self._worth
+
+    def end(self) -> None:
+        """Be a plain pace from now on, for a kernel with other costs."""
+        self.watches = False
+        self.elements, self._brief = FIRST, 0
+
+    def driver(
+        self,
+        rows: int,
+        dispatch: Callable[[int, int], T],
+        finish: Callable[[T], None],
+        width: int,
+        least: int = 1,
+        *,
+        reads: bool,
+    ) -> Callable[[], None]:
+        """Return a function that runs rows of elements: see `Pace.driver`."""
+        run = super().driver(rows, dispatch, finish, width, least, reads=reads)
+
+        def watched() -> None:
+            self._left, self._rest = rows * width, 0.0
+            run()
+
+        return watched
+
+    def fits(self, elements: int) -> bool:
+        """Return whether this number of elements is known to fit into a dispatch that is not timed."""
+        return not self.watches and super().fits(elements)
+
+    def was_brief(self, elements: int) -> bool:
+        """Return whether as many elements need not be timed."""
+        return not self.watches and super().was_brief(elements)
+
+    def _learn(self, elements: int, seconds: float, *, whole: bool) -> None:
+        super()._learn(elements, seconds, whole=whole)
+        self._left -= elements
+        self._spent += seconds
+        # Of a brief dispatch most time may go into its start.
+        self._rest = seconds / elements * self._left if seconds >= BRIEF else 0.0

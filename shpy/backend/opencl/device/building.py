@@ -6,6 +6,10 @@ on a thread's stack: over the bound packets become narrower first, then groups s
 work item fits is refused before the driver sees it, since the driver would build it, and end the process in a later
 run. `run` runs the kernel.
 
+PoCL takes half the time for a large program that it does not optimize, with the same bits. So it does not at first, and
+once the runs have taken as long as an optimized build does, that follows: a first picture is there sooner. Bits may
+differ in relaxed and fast mode, which are optimized at once, as are texts that an earlier process optimized.
+
     executable = backend.compile(module, Options())
     status = executable.run(call)
 """
@@ -15,12 +19,15 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from functools import partial
+from typing import Any, Final
 
 from shpy.backend.base import Device, Executable, Options
+from shpy.backend.device import store
 from shpy.backend.device.once import once
 from shpy.backend.device.probe import EMULATED, emulates_fma, refuse_wrong, uncorrected
 from shpy.backend.opencl.device.collective import collectives
+from shpy.backend.opencl.device.compiler_trials import thread_stack
 from shpy.backend.opencl.device.driver import LOCAL_SIZE, Machine, devices, machine_of
 from shpy.backend.opencl.device.memory import OpenCLSpace
 from shpy.backend.opencl.device.run import OpenCLExecutable
@@ -28,6 +35,7 @@ from shpy.backend.opencl.packets.kernel import print_packets
 from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backend.opencl.text.kernel import KernelText, print_kernel
 from shpy.backend.opencl.text.operations import ELEMENTWISE
+from shpy.backend.slow import announced
 from shpy.errors import CompileError, ShpyTypeError, warn
 from shpy.ir.nodes import Function, Let, Loc, Loop, Module, Store
 from shpy.ir.traverse import variables_of, walk
@@ -70,6 +78,23 @@ Each lane reads by itself, so wider packets save little. At 16, 32 and 64 lanes,
 busy machine, `any` takes 0.6, 1.1 and 2.5 s of CPU to compile, and then 5.9, 5.5 and 5.3 ms a call; sums take 3.7, 2.9
 and 2.8 ms. On another such processor the calls at 64 took twice those at 16.
 """
+LARGE: Final = 800
+"""Statements of a prepared program from which on its first build is not optimized.
+
+CPU seconds of PoCL 3.1, optimized and not, and CPU milliseconds of a picture of 64 x 48 (least of 2 to 5 rounds): boxes
+(1,105 statements) 0.68 and 0.35, 1.9 and 2.8; path-traced `mixed` (2,218) 1.10 and 0.48, four samples 27 and 52. Small
+programs gain less and lose more: a shader runs for 16 and 107 ms. `python -m benchmarks --only starting` prints a start
+with both.
+"""
+_EACH: Final = 4.5e-4
+"""Seconds that an optimized build takes for each of these statements."""
+_FRAME: Final = (8192, 16)
+"""Bytes on a thread's stack of what is not optimized: for each lane, and for each statement and lane.
+
+Path-traced `glass` (2,506 statements, 16 lanes) has 257 kB, a shader of 64 lanes 260 kB: a third of these bounds.
+"""
+_OPTIMIZED: Final = "texts that the driver optimized"
+"""The list of the texts whose optimized code the driver is expected to have in its own files."""
 
 
 class OpenCLBackend:
@@ -139,15 +164,38 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
         remarks = (*remarks, EMULATED)
     if group < whole:
         remarks = (*remarks, _GROUPED.format(kernel.private.size, group, whole))
+    worth = _worth(machine, prepared.module, kernel, options)
+    pace = machine.pace(bounded=few_turns(prepared.module), worth=worth)
     with machine.lock:
         try:
-            program = machine.build(kernel.text, options.math)
-            pace = machine.pace(bounded=few_turns(prepared.module))
+            program = machine.build(kernel.text, options.math, hurried=worth is not None)
             executable = OpenCLExecutable(machine, kernel, prepared, program, pace, group, remarks)
             executable.warm_up()
         except machine.cl.Error as e:
             raise _refusal(str(e), kernel) from e
+    if worth is not None:
+        executable.optimize = partial(_optimized, machine, module, kernel.text, options)
     return executable
+
+
+def _worth(machine: Machine, module: Module, kernel: KernelText, options: Options) -> float | None:
+    """Return the seconds that an optimized build is expected to take; None where the first build is optimized."""
+    statements = sum(1 for f in module.functions for _ in walk(f.body))
+    if not machine.hurries or options.math not in REPRODUCIBLE or statements < LARGE:
+        return None
+    fixed, each = _FRAME
+    if kernel.lanes * (fixed + each * statements) > (thread_stack() or 0) // 2:
+        return None
+    is_kept = store.is_remembered(_OPTIMIZED, machine.key(kernel.text, machine.options(options.math)))
+    return None if is_kept else _EACH * statements
+
+
+def _optimized(machine: Machine, module: Module, text: str, options: Options) -> Any:
+    """Build a text again, optimized, and remember that."""
+    with announced(module, "opencl"):
+        program = machine.build(text, options.math)
+    store.remember(_OPTIMIZED, machine.key(text, machine.options(options.math)))
+    return program
 
 
 def _printed(machine: Machine, prepared: PreparedModule, options: Options, lanes: int) -> KernelText:

@@ -25,7 +25,7 @@ import numpy as np
 from shpy.backend.base import Array, Device
 from shpy.backend.device import store
 from shpy.backend.device.once import once, once_of_each
-from shpy.backend.device.pace import Pace
+from shpy.backend.device.pace import SECONDS, Pace, Watch
 from shpy.backend.device.pool import Kind, Pool, rounded
 from shpy.backend.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backend.device.processes import Driver, at_exit
@@ -72,6 +72,7 @@ _TRIED: Final = 1 << 20
 """Bytes of a buffer from which on the host allocates and frees as much memory before the driver does."""
 _TRIED_HERE: Final = "trials that a process ran itself"
 """The list of trials, by their keys, that some process has begun to run itself."""
+_NOT_OPTIMIZED: Final = "-cl-opt-disable"
 _FEW: Final = 16
 """The most brief runs for which a wait need not be interruptible."""
 
@@ -169,7 +170,7 @@ class Machine:
         if device.single_fp_config & self.cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
             self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")
         # Whoever runs a program keeps it: once its last executable is gone, so is the program.
-        self._programs: WeakValueDictionary[tuple[str, Math], Any] = WeakValueDictionary()
+        self._programs: WeakValueDictionary[tuple[str, Math, bool], Any] = WeakValueDictionary()
         self.pool = Pool()
         self._uploads: list[Any] = []
         """Copies to the device that may be in progress, with their arrays, and memory that runs may still read."""
@@ -188,11 +189,15 @@ class Machine:
         """Return the options with which a program of this mode is built."""
         return [*self._options, "-cl-fast-relaxed-math"] if math == "fast" else self._options
 
-    def build(self, text: str, math: Math = "strict") -> Any:
-        """Return the program of this text, built once; raises pyopencl's error if the driver refuses it."""
-        program = self._programs.get((text, math))
+    def build(self, text: str, math: Math = "strict", *, hurried: bool = False) -> Any:
+        """Return the program of this text, built once; raises pyopencl's error if the driver refuses it.
+
+        `hurried`: the driver does not optimize it, which `hurries` says to be quicker.
+        """
+        program = self._programs.get((text, math, hurried))
         if program is None:
-            program = self._programs[text, math] = self._compiled(text, self.options(math))
+            options = [*self.options(math), _NOT_OPTIMIZED] if hurried else self.options(math)
+            program = self._programs[text, math, hurried] = self._compiled(text, options)
         return program
 
     def _compiled(self, text: str, options: list[str]) -> Any:
@@ -215,7 +220,8 @@ class Machine:
                 raise fault from error
             raise
 
-    def _key(self, text: str, options: list[str]) -> str:
+    def key(self, text: str, options: list[str]) -> str:
+        """Return the key of what depends on a text, options, the device and its driver."""
         device = self.device
         parts = (device.platform.name, device.platform.version, device.name, device.version, device.driver_version)
         return store.key("opencl", *parts, " ".join(options), text)
@@ -233,11 +239,13 @@ class Machine:
             kernel.set_arg_types(types)
         return kernel
 
-    def pace(self, *, bounded: bool) -> Pace:
-        """Return the pace of a new kernel. A CPU has no watchdog that ends long dispatches."""
-        if self.is_cpu:
-            return Pace(_CPU_SECONDS, bounded=bounded)
-        return Pace(bounded=bounded)
+    def pace(self, *, bounded: bool, worth: float | None = None) -> Pace:
+        """Return the pace of a new kernel, one that tells when a build that costs `worth` seconds pays if there is one.
+
+        A CPU has no watchdog that ends long dispatches.
+        """
+        seconds = _CPU_SECONDS if self.is_cpu else SECONDS
+        return Pace(seconds, bounded=bounded) if worth is None else Watch(seconds, bounded=bounded, worth=worth)
 
     def take(self, size: int) -> Any:
         """Return a buffer of at least `size` bytes; the caller gives it back."""
@@ -344,7 +352,7 @@ class Machine:
         Where another library makes threads flush denormals, the driver's threads may flush them too; the result then
         holds for this process alone.
         """
-        return ask() if was_flushing() else store.known_names(self._key(text, self._options), possible, ask)
+        return ask() if was_flushing() else store.known_names(self.key(text, self._options), possible, ask)
 
     def target(self, lanes: int, math: Math) -> Target:
         """Return the target of packets, or of single elements, with the abilities of this device.
@@ -417,7 +425,7 @@ class Machine:
         Those that are `harmless` with PoCL run in this process; another one runs all if none of them succeeds.
         """
         texts = "".join(t.declarations + t.text(name) for name, t in trials.items())
-        key = self._key(f"{texts} in threads of {thread_stack()} bytes", self._options)
+        key = self.key(f"{texts} in threads of {thread_stack()} bytes", self._options)
 
         def ask() -> frozenset[str]:
             names = None
@@ -446,6 +454,11 @@ class Machine:
             return False
         store.remember(_TRIED_HERE, key)
         return store.is_remembered(_TRIED_HERE, key)
+
+    @property
+    def hurries(self) -> bool:
+        """Return whether a build that is not optimized takes half the time."""
+        return self._is_pocl and self.is_cpu
 
     @property
     def _is_pocl(self) -> bool:

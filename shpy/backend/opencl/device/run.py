@@ -26,17 +26,19 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from shpy.backend.base import Array, Call, DeviceCall, TableMemory
-from shpy.backend.device.pace import Pace
+from shpy.backend.device.pace import Pace, Watch
 from shpy.backend.device.pool import Recent
 from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
 from shpy.backend.opencl.device.memory import MEMORY, own, tables_of
 from shpy.backend.opencl.text.kernel import KernelText
+from shpy.errors import warn
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Status, Table
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type, vec
 from shpy.passes.pipeline import PreparedModule
 
+HURRIED: Final = "built without the driver's optimization, until this has paid"
 _WIDE: Final = 32
 """Images of fewer columns run as lists, since too many lanes of their packets would be idle."""
 _SMALL: Final = 1 << 15
@@ -64,6 +66,8 @@ class OpenCLExecutable:
     """Arrays for small runs, by the shape of the run and the lengths of its inputs."""
     spare: list[Any] = field(default_factory=list)
     """Kernel objects that no run uses, for the next runs."""
+    optimize: Callable[[], Any] | None = None
+    """Builds the program again, optimized, for a kernel that was built in a hurry; its pace tells when that pays."""
 
     @property
     def source(self) -> str:
@@ -78,7 +82,8 @@ class OpenCLExecutable:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return the faults of the device, and why elements run one at a time where packets were tried."""
-        return (*self.machine.notes, *self.remarks)
+        hurried = () if self.optimize is None else (HURRIED,)
+        return (*self.machine.notes, *self.remarks, *hurried)
 
     @property
     def loops(self) -> tuple[Loc | None, ...]:
@@ -92,17 +97,38 @@ class OpenCLExecutable:
 
     def warm_up(self) -> None:
         """Launch the kernel once with idle work items, since drivers generate code for any size at the first launch."""
+        self.compiled = self._launched(self.program)
+
+    def _launched(self, program: Any) -> Any:
+        """Return a kernel object of a program, launched once."""
         machine, entry, module = self.machine, self.prepared.module.entry, self.prepared.module
         empty = machine.take(LOCAL_SIZE)
         inputs = [(empty, 0) for _ in self.kernel.inputs]
         tables = [(empty, _argument(np.ones(t.rank, np.int32))) for t in self.kernel.tables]
         params = {p.name: np.zeros(p.type.size, _argument_dtype(p.type)) for p in module.params}
         args = self._arguments((1,) * self.kernel.grid, inputs, tables, params, [empty for _ in entry.outputs])
-        self.compiled = machine.kernel(self.program, self.kernel.name, args)
-        self.compiled.set_args(np.uint64(0), *args[1:])
+        compiled = machine.kernel(program, self.kernel.name, args)
+        compiled.set_args(np.uint64(0), *args[1:])
         enqueue = machine.cl.enqueue_nd_range_kernel
-        machine.waiter.wait(enqueue(machine.queue, self.compiled, (ANY_SIZE, 1), (self.group, 1)))  # Ctrl-C is heard
+        machine.waiter.wait(enqueue(machine.queue, compiled, (ANY_SIZE, 1), (self.group, 1)))  # Ctrl-C is heard
         machine.give_back([empty])
+        return compiled
+
+    def _renew(self) -> None:
+        """Replace the program by the optimized one if that pays now; runs take kernel objects of it from then on."""
+        watch = self.pace
+        if self.optimize is None or not isinstance(watch, Watch) or not watch.pays:
+            return
+        try:
+            program = self.optimize()
+            compiled = self._launched(program)
+            self.program, self.compiled = program, compiled
+            self.stages, self.spare = Recent(_SHAPES), []
+        except self.machine.cl.Error as error:
+            remark = f"stays slower than it could be on OpenCL: the driver does not optimize it ({error})"
+            warn(f"{self.prepared.module.entry.loc}: {self.prepared.module.name} {remark}")
+        self.optimize = None
+        watch.end()
 
     def run(self, call: Call) -> Array | None:
         """Run the kernel; return the status of each element, or None if all elements are written."""
@@ -276,8 +302,20 @@ class OpenCLExecutable:
         self, compiled: Any, args: list[Any], shape: tuple[int, ...], *, reads: bool, shared: bool = False
     ) -> Callable[[], None]:
         """Return a function that runs a kernel with these arguments over the elements of a shape: see `starter`."""
-        items, lanes = self._items(shape), self.kernel.lanes
-        return starter(self.machine, compiled, args, items, self.group, self.pace, lanes, reads=reads, shared=shared)
+        items, lanes, program = self._items(shape), self.kernel.lanes, self.program
+
+        def renewed() -> Any:
+            self._renew()
+            if self.program is program:
+                return None
+            kernel = self.compiled if shared else self.machine.cl.Kernel(self.program, self.kernel.name)
+            kernel.set_args(*args)
+            return kernel
+
+        renew = None if self.optimize is None else renewed
+        return starter(
+            self.machine, compiled, args, items, self.group, self.pace, lanes, reads=reads, shared=shared, renew=renew
+        )
 
     def _items(self, shape: tuple[int, ...]) -> Items:
         """Return the work items of a run: one for each element, or one for each packet, in columns and lines."""
@@ -379,11 +417,13 @@ def starter(
     *,
     reads: bool,
     shared: bool = False,
+    renew: Callable[[], Any] | None = None,
 ) -> Callable[[], None]:
     """Return a function that runs a kernel over work items, each of which stands for `each` elements.
 
     As many idle ones fill each line's last group. A dispatch begins with a line, or with a group of a list; see `Pace`
-    for how many there are and what `reads` means. With `shared` others set the kernel's arguments, too.
+    for how many there are and what `reads` means. With `shared` others set the kernel's arguments, too. Before each
+    dispatch `renew` returns a kernel object that replaces the kernel from then on, or None.
     """
     groups = max(1, -(-items.columns // group))
     listed = items.lines is None
@@ -394,7 +434,9 @@ def starter(
     moved = False  # whether the kernel may hold another beginning than 0, also after Ctrl-C at any line
 
     def dispatch(first: int, count: int) -> Any:
-        nonlocal moved
+        nonlocal moved, kernel, renew
+        if renew is not None and (newer := renew()) is not None:
+            kernel, renew, moved = newer, None, False
         size = (count * group, 1) if listed else (groups * group, count)
         if not reads:
             machine.may_take_long |= not pace.was_brief(elements)

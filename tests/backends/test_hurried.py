@@ -1,0 +1,133 @@
+"""Large kernels are built without the driver's optimization, and once more, optimized, when that has paid."""
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy.backend.device.pace import Watch
+from shpy.backend.opencl.device import building
+from shpy.backend.opencl.device.driver import Machine
+from shpy.backend.opencl.device.run import HURRIED
+from shpy.run import kernel as kernels
+
+pytestmark = pytest.mark.undisturbed
+
+X = np.linspace(-3, 3, 5000, dtype=np.float32)
+
+
+SCALE = sh.Param(sh.Attrib1f, 1.5)
+
+
+@sh.program
+def curve(x: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.sin(x * SCALE) / (1 + x * x)
+
+
+def by_numpy(x, scale=1.5):
+    SCALE.value = scale
+    return curve.compile("numpy")(x)
+
+
+@pytest.fixture
+def hurried(monkeypatch):
+    """Return a kernel that is built in a hurry; `pays(True)` lets the optimized build pay from then on."""
+    answer = [False]
+    monkeypatch.setattr(building, "LARGE", 1)
+    monkeypatch.setattr(Watch, "pays", property(lambda self: self.watches and answer[0]))
+    monkeypatch.setattr(kernels, "_executables", {})
+    monkeypatch.setattr(Machine, "hurries", True)
+
+    def pays(value):
+        answer[0] = value
+
+    return sh.Program(curve.recorded).compile("opencl"), pays
+
+
+def test_a_better_build_pays_once_the_runs_and_the_rest_of_one_take_as_long():
+    now = [0.0]
+    watch = Watch(0.5, lambda: now[0], bounded=True, worth=1.0)
+
+    def dispatch(first, count):
+        assert not watch.pays, "the last dispatch was to be the first that tells"
+        now[0] += 0.01 * count
+
+    watch.driver(40, dispatch, lambda _: None, 1, reads=True)()
+    assert not watch.pays
+    assert not watch.fits(1)
+    assert not watch.is_brief(1)
+    long = watch.driver(
+        1000, lambda first, count: now.__setitem__(0, now[0] + 0.01 * count), lambda _: None, 1, reads=True
+    )
+    for _ in range(2):
+        long()
+    assert watch.pays
+    watch.end()
+    assert not watch.pays
+
+
+def test_both_builds_give_the_same_bits_and_the_second_takes_over(hurried):
+    kernel, pays = hurried
+    few, many = X[:60], np.tile(X, 4)  # few are copied, and many are used where they lie
+    for scale, second in ((1.5, False), (2.5, False), (2.5, True), (0.5, True)):
+        expected = [by_numpy(x, scale) for x in (few, many)]
+        pays(second)
+        for x, y in zip((few, many), expected, strict=True):
+            np.testing.assert_array_equal(kernel(x), y)
+        assert (HURRIED in kernel.notes) is not second
+
+
+def test_a_run_that_begins_with_the_first_build_ends_with_the_second(hurried, monkeypatch):
+    kernel, pays = hurried
+    expected = by_numpy(X)
+
+    def parts(self, rows, width=1, least=1):
+        yield 0, 1
+        pays(True)
+        yield 1, rows - 1
+
+    monkeypatch.setattr(Watch, "parts", parts)
+    np.testing.assert_array_equal(kernel(X), expected)
+    assert HURRIED not in kernel.notes
+
+
+def test_runs_that_are_bound_before_take_the_second_build_too(hurried):
+    kernel, pays = hurried
+    expected = X
+    for _ in range(6):
+        expected = by_numpy(expected)
+    step, repeated = sh.repeat(kernel, 1), sh.repeat(kernel, 6)
+    for second in (False, True, True):
+        pays(second)
+        np.testing.assert_array_equal(repeated.run(x=X).streams["x"].numpy(), expected)
+    np.testing.assert_array_equal(step.run(x=X).streams["x"].numpy(), by_numpy(X))
+    np.testing.assert_array_equal(kernel(sh.Stream(X, sh.Attrib1f, "opencl")).numpy(), by_numpy(X))
+
+
+def test_a_refused_second_build_leaves_the_first(hurried, monkeypatch):
+    kernel, pays = hurried
+    expected = by_numpy(X)
+
+    def refuse(self, *args, **options):
+        raise self.cl.Error("out of memory")
+
+    monkeypatch.setattr(Machine, "build", refuse)
+    pays(True)
+    with pytest.warns(
+        sh.ShpyWarning, match="curve stays slower than it could be on OpenCL: the driver does not optimize"
+    ):
+        np.testing.assert_array_equal(kernel(X), expected)
+    np.testing.assert_array_equal(kernel(X), expected)
+
+
+def test_a_text_that_was_optimized_before_is_optimized_at_once(hurried, monkeypatch, tmp_path):
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
+    kernel, pays = hurried
+    pays(True)
+    kernel(X)
+    monkeypatch.setattr(kernels, "_executables", {})
+    assert HURRIED not in sh.Program(curve.recorded).compile("opencl").notes
+
+
+def test_other_modes_are_optimized_at_once(hurried):
+    assert HURRIED in sh.Program(curve.recorded).compile("opencl", math="portable").notes
+    assert HURRIED not in sh.Program(curve.recorded).compile("opencl", math="relaxed").notes
