@@ -7,7 +7,7 @@ import shpy as sh
 from shpy import SH_DISCARD, SH_FOR, SH_WHILE
 from shpy.backend.device import pace as pacing
 from shpy.backend.device.pace import Pace
-from shpy.backend.opencl.device import driver as device
+from shpy.backend.opencl.device import building
 
 pytestmark = pytest.mark.undisturbed
 
@@ -128,7 +128,7 @@ def test_strips_give_what_one_dispatch_gives(backend, lanes, shape, monkeypatch)
     x = np.arange(311 * 130, dtype=np.float32).reshape(shape)
     whole = work.compile("numpy")(x)
     monkeypatch.setattr(pacing, "FIRST", 300)
-    monkeypatch.setattr(device, "_CPU_SECONDS", 1e-7)
+    monkeypatch.setattr(building, "_CPU_SECONDS", 1e-7)
     dispatches = []
     original = Pace.parts
 
@@ -159,7 +159,7 @@ def test_strips_keep_statuses(backend, lanes, monkeypatch):
     n = np.random.default_rng(1).integers(0, 60, (97, 64), dtype=np.int32)
     monkeypatch.setattr(pacing, "FIRST", 1)
     monkeypatch.setattr(pacing, "AGAIN", 1)
-    monkeypatch.setattr(device, "_CPU_SECONDS", 1e-9)
+    monkeypatch.setattr(building, "_CPU_SECONDS", 1e-9)
     monkeypatch.setattr(Pace.__init__, "__defaults__", (1e-9, *Pace.__init__.__defaults__[1:]))
     kernel = work.compile(backend, lanes=lanes, loop_limit=49)
     few = np.minimum(n, 40)

@@ -25,6 +25,7 @@ from typing import Any, Final
 from shpy.backend.base import Device, Executable, Options
 from shpy.backend.device import store
 from shpy.backend.device.once import once
+from shpy.backend.device.pace import SECONDS, Pace, Watch
 from shpy.backend.device.probe import EMULATED, emulates_fma, refuse_wrong, uncorrected
 from shpy.backend.opencl.device.collective import collectives
 from shpy.backend.opencl.device.compiler_trials import thread_stack
@@ -45,6 +46,9 @@ from shpy.passes.pipeline import PreparedModule, prepare
 from shpy.passes.private import check_private, private_memory
 from shpy.passes.size import check_growth, check_size
 
+_CPU_SECONDS = 0.5
+"""The intended seconds of a dispatch on a CPU, which has no watchdog: long dispatches keep its cores busy, and only
+Ctrl-C has to wait for their end."""
 _PACKETS: Final = 16
 """Packets of a group; fewer than LOCAL_SIZE, since a packet computes several elements."""
 _MOST_STATEMENTS: Final = 1 << 26
@@ -165,7 +169,8 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
     if group < whole:
         remarks = (*remarks, _GROUPED.format(kernel.private.size, group, whole))
     worth = _worth(machine, prepared.module, kernel, options)
-    pace = machine.pace(bounded=few_turns(prepared.module), worth=worth)
+    seconds, bounded = _CPU_SECONDS if machine.is_cpu else SECONDS, few_turns(prepared.module)
+    pace = Pace(seconds, bounded=bounded) if worth is None else Watch(seconds, bounded=bounded, worth=worth)
     with machine.lock:
         try:
             program = machine.build(kernel.text, options.math, hurried=worth is not None)

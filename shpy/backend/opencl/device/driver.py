@@ -25,7 +25,6 @@ import numpy as np
 from shpy.backend.base import Array, Device
 from shpy.backend.device import store
 from shpy.backend.device.once import once, once_of_each
-from shpy.backend.device.pace import SECONDS, Pace, Watch
 from shpy.backend.device.pool import Kind, Pool, rounded
 from shpy.backend.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backend.device.processes import Driver, at_exit
@@ -62,8 +61,6 @@ of doubles is wrong beside an infinity, and its sin, cos and tan near zero besid
 PACKET_TARGET: Final = replace(TARGET, vector=True, native=TRANSCENDENTALS - SLOW, fast=SLOW - {"pow"})
 LOCAL_SIZE: Final = 64
 """Work items of a group."""
-_CPU_SECONDS = 0.5
-"""The intended seconds of a dispatch on a CPU. Only Ctrl-C has to wait for its end, and long ones keep cores busy."""
 ANY_SIZE = 1 << 16
 """Work items of the first launch of a kernel; all of them are idle, so it takes microseconds on any device."""
 _LEAST = 64
@@ -238,14 +235,6 @@ class Machine:
             types = [None if a is None or isinstance(a, buffer) else np.dtype((np.void, a.nbytes)) for a in args]
             kernel.set_arg_types(types)
         return kernel
-
-    def pace(self, *, bounded: bool, worth: float | None = None) -> Pace:
-        """Return the pace of a new kernel, one that tells when a build that costs `worth` seconds pays if there is one.
-
-        A CPU has no watchdog that ends long dispatches.
-        """
-        seconds = _CPU_SECONDS if self.is_cpu else SECONDS
-        return Pace(seconds, bounded=bounded) if worth is None else Watch(seconds, bounded=bounded, worth=worth)
 
     def take(self, size: int) -> Any:
         """Return a buffer of at least `size` bytes; the caller gives it back."""
