@@ -340,18 +340,21 @@ def check_reads(frame: Frame) -> None:
 
 def _reach(frame: Frame, region: Region, reached: set[int], declared: set[int]) -> None:
     for statement in region:
-        match statement:
-            case Store(variable=variable) if variable in frame.unset:
-                # The first store is the constructor's own zero.
-                (reached.add if variable in declared else reached.discard)(variable)
-                declared.add(variable)
-            case Let(op="load", attr=int(variable)) if variable in frame.unset and variable not in reached:
+        if isinstance(statement, Let):  # nearly always, and faster than a pattern
+            variable = statement.attr if statement.op == "load" else None
+            if isinstance(variable, int) and variable in frame.unset and variable not in reached:
                 name = frame.spelled.get(variable) or frame.names[variable] or "this value"
                 raise RecordError(
                     f"{name} is read here, but nothing can have been stored in it before",
                     loc=statement.value.loc,
                     cure=f"{name}[:] = … first, or make it with a value",
                 )
+            continue
+        match statement:
+            case Store(variable=variable) if variable in frame.unset:
+                # The first store is the constructor's own zero.
+                (reached.add if variable in declared else reached.discard)(variable)
+                declared.add(variable)
             case Call():
                 reached |= frame.recording.referenced(statement)
             case If(then=then, orelse=orelse):
