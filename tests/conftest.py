@@ -51,10 +51,13 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 
 LONGEST = {
-    *("test_conformance", "test_deferred", "test_documentation", "test_examples", "test_fused", "test_generated"),
-    *("test_layered", "test_media", "test_queries", "test_reduce", "test_view_page"),
+    *("test_conformance", "test_documentation", "test_view_page", "test_generated", "test_examples", "test_path"),
+    *("test_queries", "test_instances", "test_metallic_roughness", "test_layered", "test_reduce", "test_benchmarks"),
+    *("test_goldens", "test_packet_walk", "test_media", "test_moving", "test_surfaces", "test_render"),
+    *("test_continued", "test_processes", "test_view_server", "test_scene_page", "test_checkers", "test_equivalence"),
+    *("test_chain_pages", "test_divergence", "test_golden"),
 }
-"""The files of tests that take a minute or so."""
+"""The files of tests that take a quarter of a minute or more, and those of ten seconds that would be the last."""
 
 
 def pytest_addoption(parser):
