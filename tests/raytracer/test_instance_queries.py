@@ -27,7 +27,7 @@ def assert_alike(one, other):
         np.testing.assert_allclose(getattr(one, name)[met], getattr(other, name)[met], atol=most)
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_all_queries_answer_as_among_triangles_of_their_own(backend):
     """Some instances are mirrored: their triangles have the corners of `mesh.corners`, in the other order."""
@@ -51,7 +51,7 @@ def test_all_queries_answer_as_among_triangles_of_their_own(backend):
     assert_alike(hits, pickle.loads(pickle.dumps(copy.deepcopy(other))).intersect(ORIGINS, DIRECTIONS))
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_programs_and_streams_meet_instances(backend):
     def answers(accel):
@@ -76,7 +76,8 @@ def test_programs_and_streams_meet_instances(backend):
         assert met.sum() > 900
         for name in ("triangle", "object"):
             np.testing.assert_array_equal(other[name], one[name])
-        assert np.count_nonzero(other["onward"] != one["onward"]) <= 2
+        lit = met & (one["face"] @ np.float32([3, 8, 5]) > 0)  # other rays go on through the triangle itself
+        np.testing.assert_array_equal(other["onward"][lit], one["onward"][lit])
         for name in ("t", "u", "v", "normal", "face", "uv", "position"):
             np.testing.assert_allclose(other[name][met], one[name][met], atol=3e-5, err_msg=name)
     shoot = Intersector(scene_of(), "instances", backend)

@@ -11,7 +11,6 @@ import shpy as sh
 from raytracer import (
     Camera,
     DirectionalLight,
-    EnvironmentLight,
     Hit,
     Instance,
     Material,
@@ -150,11 +149,13 @@ def test_hits_are_to_the_bit_those_of_corners_that_the_matrices_place():
         np.testing.assert_array_equal(one[name], other[name], name)
 
 
-def test_random_scenes_have_the_same_bits_and_the_objects_of_triangles_of_their_own():
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("seeds", [(0, 4, 8), (1, 5, 6), (2, 3, 7)])
+def test_random_scenes_have_the_same_bits_and_the_objects_of_triangles_of_their_own(seeds):
     """Parts are flat, tiny or far away, and overlap: packets enter instances that some of their rays miss."""
     spreads, scales = (0.3, 3, 300), ((1, 1, 1), (1, 1e-3, 1), (1e-4, -1e-4, 1e-4))
     different = []
-    for seed in range(9):
+    for seed in seeds:
         random = np.random.default_rng(seed)
         mesh, middle = sphere(1.0, rings=4, segments=6), random.uniform(-1, 1, 3) * 10.0 ** random.uniform(-1, 3)
         spread, scale = spreads[seed % 3], scales[seed // 3]
@@ -237,20 +238,6 @@ def test_glass_stands_on_instances_and_holds_them(backend):
     np.testing.assert_array_equal(shared.render(SIZE).pixels, other.pixels)
     assert np.count_nonzero(one.object_id != other.object_id) == 0
     assert np.count_nonzero(np.abs(one.pixels - other.pixels).max(axis=-1) > 1e-3) <= 2
-
-
-def test_a_path_traced_picture_of_instances_goes_on_where_it_was():
-    random, ball = np.random.default_rng(3), icosahedron()
-    scene = Scene([Instance(ball, place(random)) for _ in range(4)], [EnvironmentLight((1, 1, 1))])
-    renderer = Renderer(scene, integrator=INTEGRATORS["path"](accel="instances"), backend="numpy")
-    whole, half = (renderer.render((16, 12), samples=samples) for samples in (2, 1))
-    continued = renderer.render((16, 12), samples=2, resume=half)
-    np.testing.assert_array_equal(continued.pixels, whole.pixels)
-    moved = Scene([*scene.meshes[:3], Instance(ball, place(random))], scene.lights, scene.camera)
-    renderer.show(moved)
-    assert np.any(renderer.render((16, 12), samples=1).object_id != half.object_id)
-    with pytest.raises(SceneError, match="they differ in: instances"):
-        renderer.render((16, 12), samples=2, resume=half)
 
 
 def test_a_placed_mesh_is_the_transformed_one():
