@@ -176,9 +176,12 @@ class Apart:
         self.label = label
         context = multiprocessing.get_context("spawn")
         self.pipe, there = context.Pipe()
-        self.process = context.Process(target=_serve, args=(make, there), daemon=True)
-        self.process.start()
+        self.process = context.Process(target=_serve, args=(there,), daemon=True)
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        self.process.start()  # Ctrl-C does not reach it: it ends when its pipe closes
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         there.close()
+        self.pipe.send(make)
 
     def __enter__(self) -> Apart:
         return self
@@ -203,17 +206,17 @@ class Apart:
             raise Failed(self.label + error)
         return result
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: object, *_: object) -> None:
         self.pipe.close()
-        self.process.join(ENDING)
+        self.process.join(ENDING if error is None else 0)
         self.process.kill()
         self.process.join()
 
 
-def _serve(make: Callable[[], Callable[[Any], Any]], pipe: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the other process, which closes the pipe
+def _serve(pipe: Connection) -> None:
     function = None
-    with suppress(EOFError):
+    with suppress(EOFError, OSError):
+        make = pipe.recv()
         while True:
             argument = pipe.recv()
             try:
