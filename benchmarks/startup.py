@@ -162,16 +162,22 @@ def starting(setup: Setup) -> Table:
     return Table("starting", f"{note}.", ["target", "cold", "warm", "CPU, cold"], rows, rounds)
 
 
+def waves_of(terms: int) -> sh.Program:
+    """Return a program of sines."""
+
+    @sh.program
+    def waves(x: sh.Attrib1f) -> sh.Attrib1f:
+        return sum((sh.sin(x * k) / k for k in range(1, terms)), sh.Attrib1f(0))
+
+    return waves
+
+
 def session(largest: int) -> None:
     """Run five programs on 100 elements, on a tenth of the largest number and on that, and print the CPU seconds."""
     started = time.process_time()  # imports come before, since they take the same time with each backend
     x = np.linspace(0, 1, largest, dtype=np.float32)
     for terms in range(4, 24, 4):
-
-        @sh.program
-        def waves(x: sh.Attrib1f, terms: int = terms) -> sh.Attrib1f:
-            return sum((sh.sin(x * k) / k for k in range(1, terms)), sh.Attrib1f(0))
-
+        waves = waves_of(terms)
         for count in (100, largest // 10, largest, largest):
             waves(x[:count])
     print(time.process_time() - started + _children())
@@ -179,12 +185,7 @@ def session(largest: int) -> None:
 
 def worker(x: np.ndarray) -> None:
     """Run a program of 20 sines on a block: for a worker process."""
-
-    @sh.program
-    def waves(x: sh.Attrib1f) -> sh.Attrib1f:
-        return sum((sh.sin(x * k) / k for k in range(1, 20)), sh.Attrib1f(0))
-
-    waves(x)
+    waves_of(20)(x)
 
 
 def workers(blocks: int) -> None:

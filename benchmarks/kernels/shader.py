@@ -4,6 +4,8 @@ Every version makes a picture (n, n) from its size alone. The noise is that of `
 PCG as a hash (O'Neill 2014, Jarzynski and Olano 2020), gradients from its bits, Perlin's fade curve (2002).
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 
 import shpy as sh
@@ -46,9 +48,9 @@ def ours(compiled, size):
     return lambda: kernel(shape=(size, size))
 
 
-def in_arrays(xp, size):
-    """Return the picture with numpy or JAX as `xp`."""
-    u = xp.uint32
+def marble_of(m, x, y):
+    """Return the picture at places; `m` has the functions of numpy, JAX or Dr.Jit."""
+    u = m.uint
 
     def pcg(x):
         state = x * u(747796405) + u(2891336453)
@@ -56,26 +58,30 @@ def in_arrays(xp, size):
         return (word >> u(22)) ^ word
 
     def slope(h, x, y):
-        gx = (h & u(0xFFFF)).astype(xp.float32) * 2.0**-15 - 1
-        gy = (h >> u(16)).astype(xp.float32) * 2.0**-15 - 1
-        return gx * x + gy * y
+        return (m.real(h & u(0xFFFF)) * 2.0**-15 - 1) * x + (m.real(h >> u(16)) * 2.0**-15 - 1) * y
 
     def noise(x, y):
-        cx, cy = xp.floor(x), xp.floor(y)
-        i, j = cx.astype(u), cy.astype(u)
+        cx, cy = m.floor(x), m.floor(y)
+        i, j = m.cell(cx), m.cell(cy)
         x, y = x - cx, y - cy
         fx, fy = (t * t * t * (t * (t * 6 - 15) + 10) for t in (x, y))
         low, high = pcg(j), pcg(j + u(1))
         a, b = slope(pcg(i + low), x, y), slope(pcg(i + u(1) + low), x - 1, y)
         c, d = slope(pcg(i + high), x, y - 1), slope(pcg(i + u(1) + high), x - 1, y - 1)
-        a, c = a + (b - a) * fx, c + (d - c) * fx
-        return a + (c - a) * fy
+        return m.lerp(m.lerp(a, b, fx), m.lerp(c, d, fx), fy)
 
-    at = (xp.arange(size, dtype=xp.float32) + 0.5) * xp.float32(EXTENT / size)
-    x, y = at[None, :], at[:, None]
     rough = sum(noise(x * 2.0**k, y * 2.0**k) / 2**k for k in range(OCTAVES))
-    tone = 0.5 + 0.5 * xp.sin(4 * x + 6 * rough)
-    return xp.where(rough > 0.3, 0.8 * xp.sqrt(tone), tone)
+    tone = 0.5 + 0.5 * m.sin(4 * x + 6 * rough)
+    return m.where(rough > 0.3, 0.8 * m.sqrt(tone), tone)
+
+
+def in_arrays(xp, size):
+    """Return the picture with numpy or JAX as `xp`."""
+    functions = {name: getattr(xp, name) for name in ("floor", "sin", "sqrt", "where")}
+    casts = {"uint": xp.uint32, "cell": lambda a: a.astype(xp.uint32), "real": lambda a: a.astype(xp.float32)}
+    m = SimpleNamespace(**functions, **casts, lerp=lambda a, b, t: a + (b - a) * t)
+    at = (xp.arange(size, dtype=xp.float32) + 0.5) * xp.float32(EXTENT / size)
+    return marble_of(m, at[None, :], at[:, None])
 
 
 @WORK.version("masks")
@@ -97,33 +103,13 @@ def drjit(size):
     import drjit as dr
     from drjit.llvm import Float, UInt32
 
-    def pcg(x):
-        state = x * 747796405 + 2891336453
-        word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737
-        return (word >> 22) ^ word
-
-    def slope(h, x, y):
-        return (Float(h & 0xFFFF) * 2.0**-15 - 1) * x + (Float(h >> 16) * 2.0**-15 - 1) * y
-
-    def noise(x, y):
-        cx, cy = dr.floor(x), dr.floor(y)
-        i, j = UInt32(cx), UInt32(cy)
-        x, y = x - cx, y - cy
-        fx, fy = (t * t * t * (t * (t * 6 - 15) + 10) for t in (x, y))
-        low, high = pcg(j), pcg(j + 1)
-        a, b = slope(pcg(i + low), x, y), slope(pcg(i + 1 + low), x - 1, y)
-        c, d = slope(pcg(i + high), x, y - 1), slope(pcg(i + 1 + high), x - 1, y - 1)
-        return dr.lerp(dr.lerp(a, b, fx), dr.lerp(c, d, fx), fy)
+    functions = {name: getattr(dr, name) for name in ("floor", "sin", "sqrt", "lerp")}
+    m = SimpleNamespace(**functions, uint=UInt32, cell=UInt32, real=Float, where=dr.select)
 
     def run():
         index = dr.arange(UInt32, size * size)
-        x = (Float(index % size) + 0.5) * (EXTENT / size)
-        y = (Float(index // size) + 0.5) * (EXTENT / size)
-        rough = Float(0)
-        for k in range(OCTAVES):
-            rough += noise(x * 2.0**k, y * 2.0**k) / 2**k
-        tone = 0.5 + 0.5 * dr.sin(4 * x + 6 * rough)
-        return np.asarray(dr.select(rough > 0.3, 0.8 * dr.sqrt(tone), tone)).reshape(size, size)
+        x, y = ((Float(i) + 0.5) * (EXTENT / size) for i in (index % size, index // size))
+        return np.asarray(marble_of(m, x, y)).reshape(size, size)
 
     return run
 
