@@ -55,8 +55,9 @@ TARGET: Final = Target("opencl", native=TRANSCENDENTALS)
 SLOW: Final = frozenset("pow sin cos tan sinh cosh erf erfc log2 expm1".split())
 """Functions of vectors that take longer in PoCL 3.1 than our formulas do: relaxed mode does not call them.
 
-With the formulas, `pow` takes .36 of the CPU time (`scripts/decisions functions`), the others .5 to .85. PoCL's `pow`
-of doubles is wrong beside an infinity, and its sin, cos and tan near zero beside a number far from it.
+With the formulas, `pow` takes .34 of the CPU time, and a sum of the nine others .36 (`scripts/decisions powers
+functions`). PoCL's `pow` of doubles is wrong beside an infinity, and its sin, cos and tan near zero beside a number far
+from it.
 """
 PACKET_TARGET: Final = replace(TARGET, vector=True, native=TRANSCENDENTALS - SLOW, fast=SLOW - {"pow"})
 LOCAL_SIZE: Final = 64
