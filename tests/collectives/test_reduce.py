@@ -459,10 +459,10 @@ def summed(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
 def test_a_driver_that_refuses_the_kernel_of_a_tree_runs_the_program(monkeypatch):
     build = Machine.build
 
-    def refuse(machine, text, math="strict"):
+    def refuse(machine, text, *args, **options):
         if opencl_trees.FOLD in text:
             raise machine.cl.RuntimeError("clBuildProgram failed: BUILD_PROGRAM_FAILURE")
-        return build(machine, text, math)
+        return build(machine, text, *args, **options)
 
     x = np.random.default_rng(3).standard_normal(100).astype(np.float32)
     s = sh.Stream(x, sh.Attrib1f, backend="opencl")
