@@ -123,9 +123,9 @@ class Motion:
     def _box(self, number: int) -> Any:
         if number not in self._bounds:
             mesh = self.meshes[number]
-            placed = isinstance(mesh, PlacedMesh)
-            vertices = mesh.used_vertices if placed else mesh.vertices[self._used_by(number)]
-            by_axis = vertices.T.copy()  # min and max of contiguous numbers are faster
+            if isinstance(mesh, PlacedMesh):
+                return mesh.box
+            by_axis = mesh.vertices[self._used_by(number)].T.copy()  # min and max of contiguous numbers are faster
             self._bounds[number] = np.stack([by_axis.min(axis=1), by_axis.max(axis=1)])
         return self._bounds[number]
 

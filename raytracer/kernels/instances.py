@@ -5,8 +5,12 @@ the scene's coordinates instead, where the test is that of all other triangles: 
 bit, no ray slips between them, and a ray that starts from a triangle is known to be off it. A ray in the part's
 coordinates starts a rounding of the scene's size beside the triangle, which may be many times the part's size.
 
-The boxes are met with a margin for the roundings of the ray. Whether they are decides alone which triangles a ray
-tries, so the hits are the same however many rays walk together.
+The boxes are met with a margin for the roundings of the ray, so they are where a triangle is met, and the hits are the
+same however many rays walk together. For the same reason no ray is compared with the box of the instance by itself.
+
+Pictures of ten knots of 10,000 triangles take 1.1 of the CPU time with triangles of their own (256 x 256, Intel Xeon,
+AVX-512; `python -m benchmarks --only instances`): normals of unit length are one division, and the bound of roundings
+is kept for each instance. 1.25 without these.
 """
 
 from __future__ import annotations

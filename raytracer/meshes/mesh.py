@@ -408,6 +408,12 @@ class PlacedMesh(Mesh):
         """The vertices (N, 3) that triangles have, each once. They are not kept."""
         return product(self.source.used_vertices, self.transform[:3, :3].T) + self.transform[:3, 3]
 
+    @functools.cached_property
+    def box(self) -> Floats:
+        """The corners (2, 3) of the box round its triangles, at least one; it is kept for all scenes of the mesh."""
+        vertices = self.used_vertices
+        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+
     @property
     def has_area(self) -> bool:
         """Return True if any triangle has an area above 0."""

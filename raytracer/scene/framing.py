@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from raytracer.appearance.materials import Material, Triple
 from raytracer.errors import SceneError
-from raytracer.meshes.mesh import Mesh, product
+from raytracer.meshes.mesh import Mesh, PlacedMesh, product
 from raytracer.meshes.shapes import floor
 from raytracer.scene.camera import Camera, radius_of
 from raytracer.scene.lights import Light, PointLight
@@ -64,11 +64,19 @@ def bounds_of(meshes: Sequence[Mesh], turn: Matrix) -> tuple[Matrix, Matrix]:
 
     Without triangles it is the unit cube about the origin.
     """
-    used = (product(mesh.used_vertices, turn) for mesh in meshes if len(mesh))
-    boxes = np.array([(vertices.min(axis=0), vertices.max(axis=0)) for vertices in used])
+    straight = np.array_equal(turn, np.eye(3))
+    boxes = np.array([_box_of(mesh, turn, straight) for mesh in meshes if len(mesh)])
     if not len(boxes):
         return np.full(3, -0.5), np.full(3, 0.5)
     return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+
+
+def _box_of(mesh: Mesh, turn: Matrix, straight: bool) -> Matrix:
+    """Return the corners (2, 3) of the box round a mesh; `straight` where `turn` is the identity."""
+    if straight and isinstance(mesh, PlacedMesh):
+        return mesh.box
+    vertices = product(mesh.used_vertices, turn)
+    return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
 
 def key_and_fill(name: str, low: Matrix, high: Matrix, turn: Matrix) -> tuple[Light, Light]:
