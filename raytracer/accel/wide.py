@@ -108,8 +108,9 @@ def widen_levels(
     (top, depth), count = top_records(levels, roots), int(roots[-1])
     table = np.zeros((_last(count) + SIBLINGS + 1, ROWS, HALF), np.uint32)
     table[: len(top)] = top
+    starts = levels.starts
     for k, records in enumerate(parts_of_table):
-        first, past = levels.starts[k : k + 2]
+        first, past = starts[k : k + 2]
         words = _words(rows[3 * first : 3 * past], plane_levels[first:past], first)
         _put_part(table[roots[k] : roots[k + 1]], records, words, int(roots[k]))
     below = max(records.depth for records in parts_of_table)
