@@ -7,6 +7,7 @@ executes one statement on a frame and returns how control leaves it.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -54,6 +55,22 @@ Step = Callable[[Frame], int | None]
 """Executes a statement; returns how control leaves it: _NEXT (or None), _BREAK, _CONTINUE or _RETURN."""
 
 _NEXT, _BREAK, _CONTINUE, _RETURN = range(4)
+
+
+def _selected(c: Any, a: Any, b: Any) -> Any:
+    return (a if c else b) if c.ndim == 0 else np.where(c, a, b)
+
+
+_OPERATORS: dict[str, Callable[..., Any]] = {
+    "add": operator.add, "sub": operator.sub, "mul": operator.mul, "div": operator.truediv, "sqrt": np.sqrt,
+    "neg": operator.neg, "and": operator.and_, "or": operator.or_, "xor": operator.xor, "not": operator.invert,
+    "eq": operator.eq, "ne": operator.ne, "lt": operator.lt, "le": operator.le, "gt": operator.gt, "ge": operator.ge,
+    "cond": _selected,
+}  # fmt: skip
+"""Operators of Python with the results of the op table's meanings, but for the arithmetic of binary16.
+
+Of numpy's scalars they take a tenth of the time of functions of arrays.
+"""
 
 
 class Ended(Exception):
@@ -358,7 +375,8 @@ class Compiler:
                 return self.application(self.functions[name], args)
             case "unit_float", _:
                 return _apply(partial(meaning.unit_float, dtype=dtype), args, None)
-        return _apply(OPS[let.op].meaning, args, dtype if let.op == "float_from_bits" else None)
+        f = OPS[let.op].meaning if dtype == np.float16 else _OPERATORS.get(let.op, OPS[let.op].meaning)
+        return _apply(f, args, dtype if let.op == "float_from_bits" else None)
 
     @staticmethod
     def load(variable: Variable, slot: int, args: list[int]) -> Callable[[Frame], Any]:

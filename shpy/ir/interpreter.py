@@ -83,8 +83,11 @@ class Interpreter:
 
     def cast(self, type: Type, data: Any) -> Any:
         """Return the data as an array of the type's shape and dtype; for a scalar type, as a numpy scalar."""
+        dtype = self.dtypes[type.base]
+        if type.size == 1 and data.__class__ is dtype:
+            return data
         with np.errstate(all="ignore"):
-            array = np.asarray(data).astype(self.dtypes[type.base])
+            array = np.asarray(data).astype(dtype)
         return array.reshape(type.size) if type.size > 1 else array.reshape(())[()]
 
     def _compile(self, traced: bool) -> Compiler:
