@@ -10,9 +10,9 @@
     python -m benchmarks --json bench.json
     python -m benchmarks page                             # docs/benchmarks.md, from benchmarks/results
 
-The exit status is 1 if an answer is wrong, or a contender, a work or a study fails; the rest goes on. `--json` and
-`--write` write what there is after each table, to FILE.unfinished until the run ends. After Ctrl-C that file stays:
-without the ending `.unfinished` it is a file of results as every other.
+The exit status is 1 if an answer is wrong, or a contender, a work or a study fails; the rest goes on. A peer has ten
+minutes for an answer. `--json` and `--write` write what there is after each table, to FILE.unfinished until the run
+ends. After Ctrl-C that file stays: without the ending `.unfinished` it is a file of results as every other.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ Stage: record, and above.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal
@@ -22,13 +22,13 @@ from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Discard, Function, Variable
 from shpy.ir.types import Base, Type, vec
 from shpy.lang.data.tables import Table
-from shpy.lang.programs.outline import DerivedArgument, Outline, Place, called, outlined, parameters
+from shpy.lang.programs.outline import Outline, Place, called, outlined, parameters
 from shpy.lang.programs.record import call_explained, record_body
 from shpy.lang.recording.location import here
-from shpy.lang.recording.recorder import current_frame, recording
+from shpy.lang.recording.recorder import Frame, current_frame, recording
 from shpy.lang.values import arithmetic
 from shpy.lang.values.matrix import MATRICES
-from shpy.lang.values.structure import Leaf, build_values, flatten, layout_from, leaves
+from shpy.lang.values.structure import Layout, Leaf, build_values, flatten, layout_from, leaves
 from shpy.lang.values.value import Value
 from shpy.passes.derivatives.forward import ForwardFunctions, Seed
 from shpy.passes.derivatives.linear import TangentBuilder
@@ -146,19 +146,9 @@ def jvp(f: Callable[..., Any], primals: Sequence[Any], tangents: Sequence[Any]) 
     moves = world.activities.in_function(simple, moving).outputs
     handles = call_derived(outline, outline.reached, world.callees, forward, more, "forward")
     values, rest = handles[: len(moves)], iter(handles[len(moves) :])
-    classes = [cls for _, _, cls in leaves(outline.layout, "")]
-    changes = [next(rest) if m else zero(outline, c.type) for m, c in zip(moves, classes, strict=True)]
-    kinds = ["Vector" if c.kind == "Point" and isinstance(outline.layout, Leaf) else c.kind for c in classes]
-    return (
-        build_values(
-            outline.layout,
-            iter([arithmetic.make_value(c.kind, c.type, frame, v) for c, v in zip(classes, values, strict=True)]),
-        ),
-        build_values(
-            outline.layout,
-            iter([arithmetic.make_value(k, c.type, frame, v) for k, c, v in zip(kinds, classes, changes, strict=True)]),
-        ),
-    )
+    changes = [next(rest) if m else zero(outline, v.type) for m, v in zip(moves, simple.outputs, strict=True)]
+    moved = _values(frame, outline.layout, changes, lambda kind: "Vector" if kind == "Point" else kind)
+    return _values(frame, outline.layout, values), moved
 
 
 def _derived(what: str, f: Callable[..., Any], wrt: Any, derive: Callable[[Outline], Any]) -> Callable[..., Any]:
@@ -271,7 +261,7 @@ def gradient_values(
 
     return GradientValues(
         [plain(_result_type(outline)) for _ in results],
-        [_of_argument(outline, m, handles) for m in outline.moved],
+        [_values(outline.frame, m.layout, handles, lambda kind: _OF_PLACES.get(kind, "Attrib")) for m in outline.moved],
         reads,
         [(plain(vec(Base.I)), plain(tables[name].type.type)) for name in reads.tables],
     )
@@ -330,13 +320,12 @@ def _packed(
     return b.finish()
 
 
-def _of_argument(outline: Outline, moved: DerivedArgument, handles: Any) -> Any:
-    """Return the gradient by an argument: of the same layout, of a vector with the kind of a gradient."""
-    parts = []
-    for _, _, cls in leaves(moved.layout, ""):
-        kind = _OF_PLACES.get(cls.kind, "Attrib") if isinstance(moved.layout, Leaf) else cls.kind
-        parts.append(arithmetic.make_value(kind, cls.type, outline.frame, next(handles)))
-    return build_values(moved.layout, iter(parts))
+def _values(frame: Frame, layout: Layout, handles: Iterable[int], kind_of: Callable[[str], str] = str) -> Any:
+    """Return the next values of a layout; a single one has the kind that `kind_of` gives for the layout's."""
+    classes = [cls for _, _, cls in leaves(layout, "")]
+    kinds = [kind_of(cls.kind) if isinstance(layout, Leaf) else cls.kind for cls in classes]
+    values = [arithmetic.make_value(k, c.type, frame, h) for k, c, h in zip(kinds, classes, handles, strict=False)]
+    return build_values(layout, iter(values))
 
 
 # Outside of a program

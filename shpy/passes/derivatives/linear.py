@@ -182,13 +182,12 @@ def dense(tangent: Tangent) -> Live:
 
 
 def tangent_of(op: str, y: Live, operands: Sequence[Live], tangents: Sequence[Tangent]) -> Tangent:
-    """Return the tangent of y, the result of an operation of the table or a structural one, in one direction.
+    """Return the tangent of y, the result of an operation of the table, in one direction.
 
     `tangents` are those of the operands, in their order; the tangents of ints and bools are Zeros.
     """
-    zero = Zero(y.builder, y.type)
-    if op not in OPS or all(isinstance(t, Zero) for t in tangents):
-        return zero
+    if all(isinstance(t, Zero) for t in tangents):
+        return Zero(y.builder, y.type)
     rule = OPS[op].tangent
     assert rule is not None
     tangent: Tangent = rule(y, *operands, *(t for t, x in zip(tangents, operands, strict=True) if x.type.is_float))
