@@ -9,6 +9,7 @@ from collectives.definition import each
 
 import shpy as sh
 from shpy.backend.base import Collectives
+from shpy.backend.opencl.device import collective
 from shpy.backend.registry import backend as backend_named
 
 MOVED = ("numpy", "opencl", "glsl")
@@ -79,8 +80,9 @@ def running(target, monkeypatch):
 
 
 @pytest.fixture(params=MOVED)
-def moved(request):
-    """A backend whose kernels move elements."""
+def moved(request, monkeypatch):
+    """A backend whose kernels move elements; those of OpenCL in chunks of which large streams have several."""
+    monkeypatch.setattr(collective, "_LEAST", 1 << 14)
     return request.param
 
 
@@ -93,6 +95,7 @@ def by_programs(request, monkeypatch):
 
 @pytest.fixture(params=each(COMPUTED))
 def computed(request, monkeypatch):
-    """The backend of a target of what runs programs."""
+    """The backend of a target of what runs programs; OpenCL's own kernels have chunks as in `moved`."""
+    monkeypatch.setattr(collective, "_LEAST", 1 << 14)
     with running(request.param, monkeypatch) as backend:
         yield backend

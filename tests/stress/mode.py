@@ -38,6 +38,7 @@ from shpy.backend.glsl.device import memory as glsl_memory, run as glsl_runtime,
 from shpy.backend.numpy.device import run as numpy_runtime
 from shpy.backend.opencl.device import (
     building,
+    collective as opencl_collective,
     driver as opencl_device,
     memory as opencl_memory,
     run as opencl_runtime,
@@ -123,6 +124,7 @@ class Stress:
         stack.enter_context(
             patch.object(listed.ListedKernel, "_pays", lambda _, live, count: not live or self.chance())
         )
+        stack.enter_context(patch.object(opencl_collective, "_LEAST", self.random.choice((1, 1 << 10, 1 << 16))))
         is_small = opencl_runtime.is_small
         staged = lambda call: is_small(call) and self.chance(0.8)  # noqa: E731
         stack.enter_context(patch.object(opencl_runtime, "is_small", staged))
