@@ -6,14 +6,16 @@ for the sign and payload of a NaN). So `x * 0.0`, `x + 0.0` and `x - x` stay as 
     x * 1, 1 * x, x / 1       -> x          -(-x), ~~x, abs(abs(x))   -> x, x, abs(x)
     x - 0.0, x + -0.0         -> x          min(x, x), cond(c, x, x)  -> x
     pow(x, 2) (f32)           -> x * x      ~(a == b)                 -> a != b
+    f(i) * 2**m * 2**n        -> f(i) * 2**(m + n), for an int i
     i + 0, i * 0, i & 0, ...  -> i, 0, 0    ~(i < j) (ints)           -> i >= j
 """
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
-from shpy.ir.constants import encode
+from shpy.ir.constants import decode, encode
 from shpy.ir.nodes import Attr, Let
 from shpy.ir.ops import COMMUTATIVE
 from shpy.ir.types import Base, Type
@@ -75,7 +77,8 @@ def simplify(context: Facts, let: Let) -> Found:
         case "floormod", (_, b) if _is(context, b, 1):
             return Let(let.value, "const", (), (0,) * let.value.type.size)
         case op, (a, b) if op in _RIGHT_NEUTRAL:
-            return _neutral(context, let, a, b)
+            simpler = _neutral(context, let, a, b)
+            return _scaled(context, let, a, b) if simpler is None and op == "mul" else simpler
     return None
 
 
@@ -122,6 +125,28 @@ def _neutral(context: Facts, let: Let, a: int, b: int) -> Found:
             if _is(context, side, _ABSORBING[op]):
                 return side
     return None
+
+
+def _scaled(context: Facts, let: Let, a: int, b: int) -> Found:
+    """Return x * 2**(m + n) for x * 2**m * 2**n where x was an int: no product overflows, and none is denormal."""
+    inner, n = context.lets.get(a), _exponent(context, b)
+    if n is None or inner is None or inner.op != "mul" or not context.fixed or let.value.type.base is Base.H:
+        return None
+    x, m = context.lets.get(inner.args[0]), _exponent(context, inner.args[1])
+    if m is None or x is None or x.op != "convert" or not context.types[x.args[0]].is_int:
+        return None
+    type = context.types[b]
+    scale = context.make("const", type=type, attr=encode(type, [2.0 ** (m + n)] * type.size))
+    return Let(let.value, "mul", (x.value.id, scale))
+
+
+def _exponent(context: Facts, value: int) -> int | None:
+    """Return n if a value is 2**n in every component, and n is from -32 to 32."""
+    components, type = context.constant(value), context.types[value]
+    if components is None or not type.is_float:
+        return None
+    fraction, n = math.frexp(decode(type, components)[0])
+    return n - 1 if fraction == 0.5 and abs(n - 1) <= 32 and len(set(components)) == 1 else None
 
 
 def _is(context: Facts, value: int, number: float) -> bool:

@@ -104,6 +104,8 @@ class _Vectorizer(CallBuilder):
         super().__init__(function, varying_inputs, callees)
         self.active = mask
         self.padded = padded
+        lets = (s for s in walk(function.body) if padded and isinstance(s, Let) and s.op == "or")
+        self.either = {s.value.id: s for s in lets}
         self.notes = annotate(function)
 
     def run(self) -> Function:
@@ -446,7 +448,8 @@ class _Vectorizer(CallBuilder):
             return None
         until = self.same.get(s.until, s.until)
         if until in self.varying:
-            return self.varying_test(s, note, self.both(self.mask(here), until, "leaving"))
+            mask = self.mask(here)
+            return self.varying_test(s, note, mask, self.both(mask, until, "leaving"))
         self.b.push()
         if note.facts.varying:
             self.put_aside(note.dirty_at_until, note.after, self.mask(here))
@@ -457,7 +460,7 @@ class _Vectorizer(CallBuilder):
             self.b.append(If(until, leaving, (), s.loc))
         return until
 
-    def varying_test(self, s: Loop, note: Note, active: int) -> int | None:
+    def varying_test(self, s: Loop, note: Note, mask: int, active: int) -> int | None:
         """Append the test by which only the lanes of `active` leave; return the value for `until`, or None."""
         scope, facts = self.scope, note.facts
         facts.varying = True
@@ -467,7 +470,8 @@ class _Vectorizer(CallBuilder):
         if not facts.jumps:
             self.b.append(If(self.none(self.load(scope.live)), (Break(s.loc),), (), s.loc))
         leaving = self.b.pop()
-        self.b.append(If(self.let("lane_any", active, type=BOOL), leaving, (), s.loc))
+        whole = None if s.until is None else self.either.get(s.until)
+        self.b.append(If(self.some(mask, active, whole), leaving, (), s.loc))
         return self.none(self.load(scope.live)) if facts.jumps else None
 
 

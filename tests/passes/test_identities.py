@@ -84,3 +84,34 @@ def test_a_bool_with_a_constant(op: str, constant: bool) -> None:
         return python(b, constant)
 
     assert right.compile("numpy")(np.array([True, False])).tolist() == [python(True, constant), python(False, constant)]
+
+
+@pytest.mark.parametrize(("m", "n"), [(-24, 1), (3, -8), (-30, -30), (32, 32), (-40, 1)])
+@pytest.mark.parametrize("vector", [False, True])
+def test_powers_of_two_times_a_number_that_was_an_int(m: int, n: int, vector: bool) -> None:
+    kind = sh.Attrib2i if vector else sh.Attrib1i
+
+    @sh.program
+    def scaled(i: kind) -> sh.Attrib2f if vector else sh.Attrib1f:
+        return (sh.Attrib2f if vector else sh.Attrib1f)(i) * 2.0**m * 2.0**n
+
+    given = np.stack([INTS, INTS[::-1]], axis=-1) if vector else INTS
+    expected = given.astype(np.float32) * np.float32(2.0**m) * np.float32(2.0**n)
+    np.testing.assert_array_equal(scaled.compile("numpy")(given), expected)
+    module = prepare(scaled.ir, Options(), Target("numpy")).module
+    products = [s for f in module.functions for s in walk(f.body) if isinstance(s, Let) and s.op == "mul"]
+    assert len(products) == (2 if m == -40 else 1)
+
+
+def test_powers_of_two_times_other_numbers_round_twice() -> None:
+    @sh.program
+    def scaled(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x * 2.0**-24 * 2.0**24
+
+    assert scaled.compile("numpy")(np.float32([1.5e-38])).tolist() != [np.float32(1.5e-38)]
+
+    @sh.program
+    def halved(i: sh.Attrib1i) -> sh.Attrib1f:
+        return sh.Attrib1f(i) * 2.0**10 * 2.0**-10
+
+    assert np.isinf(halved.compile("numpy", precision="f16")(np.int32([1000]))).all()

@@ -134,6 +134,24 @@ def test_a_counter_in_a_loop_that_lanes_leave_one_by_one_stays_a_scalar():
     assert len(counted) == 1, "the counter is added to once, for all lanes"
 
 
+def test_the_uniform_part_of_a_test_decides_a_branch_by_itself():
+    p = Program()
+    z, n = p.slot("z", p.number(0)), p.slot("n", p.count(0))
+    with p.b.loop() as loop:
+        p.add(z, p.x)
+        p.add(n, p.count(1))
+        greater, last = p.b.let("gt", p.b.load(z), p.number(4)), p.b.let("ge", p.b.load(n), p.count(9))
+        loop.until(p.b.let("or", greater, last))
+    p.b.store(p.result, p.b.load(z))
+    for padded in (False, True):
+        made = p.vectorised(padded)
+        alone = [s.args[0] for s in made.ops("or") if s.value.id in made.conditions()]
+        assert alone == [last.id] * padded
+        for x, expected in ((0.25, 2.25), (3.0, 6.0), (np.nan, np.nan)):
+            outputs, _ = Interpreter(made.vector.module, loop_limit=None).run_element([np.float32(x), np.int32(0)])
+            np.testing.assert_array_equal(outputs[0], np.float32(expected))
+
+
 def test_a_loop_that_all_lanes_leave_together_stays_as_it_is():
     p = Program()
     i, total = p.slot("i", p.count(0)), p.slot("total", p.number(0))
