@@ -246,7 +246,6 @@ def calls(results: Results) -> list[str | Rows]:
         [f"shpy, {backend}", *(results.cell(name, f"shpy, {backend}{way}", "median") for way in ways.values())]
         for backend in ("plain call", "numpy", "opencl", "glsl")
     ]
-    ours = ours if ours[0][1] else ours[1:]  # older runs have no plain call
     others = [f"{row[0]} takes {row[1]}" for row in results.part(name) if not row[0].startswith("shpy")]
     return [
         *section("What does a call cost?", results, name),
