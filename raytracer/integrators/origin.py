@@ -31,7 +31,7 @@ from raytracer.scene.layout import Layout
 from raytracer.scene.light_tables import cone_rows, light_rows
 from raytracer.scene.scene import Scene
 
-GENERATION: Final = "5"
+GENERATION: Final = "6"
 """The number of the path tracer: raise it with a change that gives any scene other pixels."""
 _NO_BITS: Final = ("samples", "accel", "grid", "secondary")
 """The options of an integrator that an origin leaves out; `secondary` is included with the layout."""

@@ -485,10 +485,15 @@ def test_a_file_of_an_earlier_version_is_refused(begun, tmp_path):
         Renderer(scene, integrator=integrator, **options).render((6, 5), samples=3, resume=path)
 
 
-@pytest.mark.parametrize(("look", "digest"), [(None, "ffcfadd61ca7c4c9"), ({"roughness": 0.4}, "c1f312c7aac5e2d4")])
-def test_other_pixels_have_another_generation(look, digest):
+@pytest.mark.parametrize(
+    ("look", "sky", "digest"),
+    [(None, (0.1, 0.2, 0.3), "ffcfadd61ca7c4c9"), ({"roughness": 0.4}, PIXELS, "6c789d04bfc41621")],
+    ids=["plain", "layered"],
+)
+def test_other_pixels_have_another_generation(look, sky, digest):
     """Compare with the digest of this generation: raise `GENERATION` for other pixels, and note theirs here."""
-    scene, integrator, options = made(base() | {"MetallicRoughness": look, "SpotLight": None, "Unlit": None})
+    pieces = base() | {"MetallicRoughness": look, "EnvironmentLight": {"source": sky}}
+    scene, integrator, options = made(pieces | {"SpotLight": None, "Unlit": None})
     whole = Renderer(scene, integrator=integrator, **options).render((6, 5), samples=3)
     pixels = hashlib.sha256(whole.pixels.tobytes() + whole.normal.tobytes()).hexdigest()[:16]
-    assert {origin.GENERATION: pixels} == {"5": digest}
+    assert {origin.GENERATION: pixels} == {"6": digest}

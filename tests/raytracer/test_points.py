@@ -7,7 +7,7 @@ import pytest
 
 import shpy as sh
 from raytracer import Camera, Material, Path, Renderer, Scene, SceneError, render
-from raytracer.kernels.emitters import BrightCells
+from raytracer.kernels.emitters import EVERYWHERE, BrightCells, aimed_weights
 from raytracer.kernels.points import part_of, reversed_bits, sobol_pair
 from raytracer.meshes.shapes import box, floor
 
@@ -102,6 +102,13 @@ def test_words_choose_cells_in_proportion_to_their_brightness(shape):
     places = np.minimum(down.astype(int), shape[0] - 1), np.minimum(across.astype(int), shape[1] - 1)
     np.testing.assert_allclose(density, shares[places] * weights.size / (4 * np.pi), rtol=1e-5, atol=1e-9)
     assert np.all(np.diff(down.reshape(256, 256), axis=0) >= 0)
+
+
+def test_rays_are_aimed_at_what_is_brighter_than_the_mean():
+    np.testing.assert_allclose(aimed_weights(np.array([[1.0, 1.0], [2.0, 4.0]])) - 2 * EVERYWHERE, [[0, 0], [0, 2]])
+    for even in (0.0, 3.0):
+        weights = aimed_weights(np.full((2, 4), even))
+        assert weights.min() == weights.max() > 0
 
 
 @pytest.mark.slow
