@@ -134,6 +134,14 @@ def test_cuts_are_good():
     np.testing.assert_allclose(parted, [1, 8], atol=0.05)
 
 
+def test_a_floor_and_walls_stand_apart_from_a_ball(build):
+    """Only the root and the node of the walls are as large as the room."""
+    walls = [floor(8).moved((0, -1, 0)), floor(8).moved((0, 0, -4), tilt=90), floor(8).moved((0, 4, 0))]
+    bvh = build(np.concatenate([mesh.corners for mesh in (*walls, sphere(0.5, rings=12, segments=24))]))
+    large = [node for node in children_of(bvh)[0] if area(bvh, node) > area(bvh, 0) / 4]
+    assert len(large) == 2
+
+
 def test_a_far_larger_triangle_does_not_spoil_the_rest():
     balls = sphere(rings=16, segments=24).corners
     alone = cost(build_bvh(balls))
