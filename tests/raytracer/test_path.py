@@ -278,7 +278,7 @@ def test_backends_bands_and_parts_give_the_same_bits(monkeypatch, tmp_path):
         assert whole.samples == 3
     monkeypatch.setattr(walk, "MANY", 1)
     alone = Renderer(scene, backend="opencl", integrator="path", bounces=5, seed=7)
-    assert isinstance(alone._tracer.intersector, walk.AloneWalk)
+    assert isinstance(alone._tracer.intersector, walk.SplitWalk)
     same(first, alone.render((12, 9), samples=3))
     other = Renderer(scene, backend="opencl", integrator="path", bounces=5, seed=8).render((12, 9), samples=3)
     assert (other.pixels != first.pixels).mean() > 0.5
@@ -293,11 +293,11 @@ def test_scattered_rays_walk_alone_among_many_triangles(monkeypatch):
     monkeypatch.setattr(Renderer, "_choose", lambda *_, **__: None)  # nothing is compiled
     sphere_under_a_lamp = Scene([sphere(0.5, WHITE, rings=6, segments=8), lamp(1, 2)])
     count = sphere_under_a_lamp.triangles
+    assert walk_of(count) == "SplitWalk"
+    monkeypatch.setattr(walk, "ROOMY", count - 1)
     assert walk_of(count) == "AloneWalk"
-    assert walk_of(count + 1) == "BvhIntersector"
-    assert walk_of(count, integrator="whitted") == "BvhIntersector"
-    assert walk_of(count, backend="numpy") == "BvhIntersector"
-    assert walk_of(count, backend="glsl") == "BvhIntersector"
+    assert walk_of(count + 1) == walk_of(count, integrator="whitted") == "BvhIntersector"
+    assert walk_of(count, backend="numpy") == walk_of(count, backend="glsl") == "BvhIntersector"
     assert walk_of(count, accel="grid") == "GridIntersector"
 
 

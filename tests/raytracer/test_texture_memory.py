@@ -9,10 +9,10 @@ import shpy as sh
 from raytracer import Camera, Material, Mesh, Scene, Texture
 from raytracer.integrators.integrator import Path
 from raytracer.integrators.origin import origin_of
+from raytracer.kernels import walk
 from raytracer.kernels.appearance import Atlas
 from raytracer.kernels.eye_rays import EyeRays
 from raytracer.kernels.path import PathTracer
-from raytracer.kernels.walk import MANY
 from raytracer.meshes.shapes import sphere
 from raytracer.scene.layout import Layout
 
@@ -88,8 +88,9 @@ def test_the_origin_of_a_picture_is_a_digest_without_a_copy(floats):
 
 
 @pytest.mark.parametrize("backend", ["numpy", "opencl"])
-def test_a_triangle_of_a_path_traced_scene_takes_at_most_250_bytes(backend):
+def test_a_triangle_of_a_large_path_traced_scene_takes_at_most_250_bytes(monkeypatch, backend):
     """With normals, uv coordinates, several materials and objects."""
+    monkeypatch.setattr(walk, "ROOMY", walk.MANY)
     picture = Material(Texture(np.eye(4)))
     balls = [
         sphere(0.5, material, rings=50, segments=83).moved((x, 0, 0)) for x, material in enumerate((picture, GREY))
@@ -98,5 +99,5 @@ def test_a_triangle_of_a_path_traced_scene_takes_at_most_250_bytes(backend):
     tracer = PathTracer(Layout.of(scene, backend=backend), scene, 4, backend)
     tables = tracer.program(EyeRays()).recorded.tables.values()
     bytes_ = sum(table.data(np.float32).array.nbytes for table in tables)
-    assert scene.triangles > MANY
+    assert scene.triangles > walk.ROOMY
     assert 150 < bytes_ / scene.triangles <= 250
