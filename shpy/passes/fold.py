@@ -70,14 +70,17 @@ class _Fold(Rewriter):
             return self.sizes.get(str(let.attr))
         if not let.args or (let.op not in OPS and let.op not in _STRUCTURAL):
             return None
-        constants = [self.constant(a) for a in let.args]
+        constants: list[tuple[int, ...]] = []
+        for a in let.args:
+            constant = self.constant(a)
+            if constant is None:
+                return None
+            constants.append(constant)
         types = [self.types[a] for a in let.args]
-        if any(c is None for c in constants):
-            return None
         bases = {t.base for t in (*types, let.value.type)}
         if not self.fixed and (let.op in TRANSCENDENTALS or (Base.F in bases and let.op != "cond")):
             return None
-        arrays = [to_array(t, c) for t, c in zip(types, constants, strict=True) if c is not None]
+        arrays = [to_array(t, c) for t, c in zip(types, constants, strict=True)]
         with np.errstate(all="ignore"):
             if let.op in LANE_OPS:
                 result = arrays[0]

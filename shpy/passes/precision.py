@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -55,6 +56,7 @@ def retype_ports(module: Module, old: Base, new: Base) -> Module:
     return replace(module, params=params, tables=tables)
 
 
+@lru_cache(maxsize=4096)
 def rounded(type: Type, attr: tuple[int, ...]) -> tuple[int, ...]:
     """Return the constant rounded to its type."""
     return from_array(type, to_array(type, attr))
@@ -101,7 +103,8 @@ class _Working(Rebase):
         value = self.retyped(let.value)
         if let.op == "const" and value.type.is_float:
             assert isinstance(let.attr, tuple)
-            self.emit(Let(value, "const", (), _round_constant(value, let.attr)))
+            number = _round_constant(value, let.attr)
+            self.emit(let if value is let.value and number == let.attr else Let(value, "const", (), number))
         elif let.op == "convert" and rebased(self.old_types[let.args[0]], self.old, self.new) is value.type:
             self.replace(value, let.args[0])
         elif let.op == "float_from_bits" and value.type.base is not Base.F:
@@ -131,6 +134,8 @@ class _Working(Rebase):
 def _round_constant(value: Value, attr: tuple[int, ...]) -> tuple[int, ...]:
     """Return the constant rounded to its type; raise CompileError if a finite number becomes infinite."""
     bits = rounded(value.type, attr)
+    if bits == attr:
+        return attr
     for number, kept in zip(decode(value.type, attr), decode(value.type, bits), strict=True):
         if math.isinf(kept) and math.isfinite(number):
             precision, wider = {Base.H: ("f16", "f32"), Base.F: ("f32", "f64")}[value.type.base]
