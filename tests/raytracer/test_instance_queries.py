@@ -1,6 +1,7 @@
 """An Intersector of instances that share their triangles: its answers are those of triangles of their own."""
 
 import copy
+import dataclasses
 import pickle
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import shpy as sh
 from raytracer import Instance, Intersector, Mesh, Scene, SceneError
 from raytracer.meshes.shapes import floor, icosahedron, sphere
+from raytracer.rays import Rays
 from raytracer.scene import instanced
 from tests.raytracer.test_moving_instances import place, scene_of
 
@@ -116,3 +118,26 @@ def test_closest_points_and_poses_of_instances():
     np.testing.assert_array_equal(one.triangles, other.triangles)
     np.testing.assert_array_equal(one.points, other.points)
     assert_alike(own.intersect(ORIGINS, DIRECTIONS), shoot.intersect(ORIGINS, DIRECTIONS))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(36))
+def test_a_ray_alone_meets_what_packets_meet(seed):
+    """Rays start and aim close to vertices of parts that are flat, tiny or far away: roundings of their way decide."""
+    random, scales = np.random.default_rng(seed), ((1, 1, 1), (1, 1e-3, 1), (1e-4, -1e-4, 1e-4), (1, 1e-5, 3))
+    mesh = dataclasses.replace(sphere(1.0, rings=4, segments=6), normals=None, uv=None)
+    away = np.eye(4)
+    away[:3, 3] = random.uniform(-1, 1, 3) * 10.0 ** random.uniform(-1, 3)
+    scene = Scene([Instance(mesh, away @ place(k, scale=scales[seed % 4])) for k in range(30)])
+    corners, (low, high), count = np.concatenate([mesh.vertices for mesh in scene.meshes]), scene.bounds, (6000, 1)
+    size = float((high - low).max())
+    far = (low + high) / 2 + random.normal(size=(6000, 3)) * size * 10.0 ** random.uniform(-1, 2, count)
+    origins = np.where(random.random(count) < 0.5, random.choice(corners, 6000), far)
+    beside = random.normal(size=(6000, 3)) * size * 10.0 ** random.uniform(-7, -1, count)
+    rays = origins.astype(np.float32), (random.choice(corners, 6000) + beside - origins).astype(np.float32)
+    one, other = (Intersector(scene, "instances", backend) for backend in ("numpy", "opencl"))
+    assert other._way(Rays.of(*rays, 0.0, np.inf)) == "alone"
+    hits = one.intersect(*rays)
+    assert np.count_nonzero(hits.triangle >= 0) > 1000
+    for name, array in zip(hits._fields, other.intersect(*rays), strict=True):
+        np.testing.assert_array_equal(getattr(hits, name), array, name)

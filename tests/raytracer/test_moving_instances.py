@@ -52,11 +52,11 @@ WHITTED, PATH = Whitted(accel="instances", bounces=1), Path(accel="instances", s
 INTEGRATORS = {"whitted": WHITTED, "path": PATH}
 
 
-def place(number, shift=0.0):
+def place(number, shift=0.0, scale=(1, 1, 1)):
     random = np.random.default_rng(number)
     turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
     matrix = np.eye(4)
-    matrix[:3, :3] = turn * random.uniform(0.5, 1, 3) * (-1) ** number  # every other one is mirrored
+    matrix[:3, :3] = turn * random.uniform(0.5, 1, 3) * scale * (-1) ** number  # every other one is mirrored
     matrix[:3, 3] = random.uniform(-1.5, 1.5, 3) + (shift, 0, 0)
     return matrix
 
