@@ -104,8 +104,7 @@ class _Vectorizer(CallBuilder):
         super().__init__(function, varying_inputs, callees)
         self.active = mask
         self.padded = padded
-        lets = (s for s in walk(function.body) if padded and isinstance(s, Let) and s.op == "or")
-        self.either = {s.value.id: s for s in lets}
+        self.either = {s.value.id: s for s in walk(function.body) if padded and isinstance(s, Let) and s.op == "or"}
         self.notes = annotate(function)
 
     def run(self) -> Function:
@@ -448,8 +447,7 @@ class _Vectorizer(CallBuilder):
             return None
         until = self.same.get(s.until, s.until)
         if until in self.varying:
-            mask = self.mask(here)
-            return self.varying_test(s, note, mask, self.both(mask, until, "leaving"))
+            return self.varying_test(s, note, self.mask(here), until)
         self.b.push()
         if note.facts.varying:
             self.put_aside(note.dirty_at_until, note.after, self.mask(here))
@@ -460,18 +458,20 @@ class _Vectorizer(CallBuilder):
             self.b.append(If(until, leaving, (), s.loc))
         return until
 
-    def varying_test(self, s: Loop, note: Note, mask: int, active: int) -> int | None:
-        """Append the test by which only the lanes of `active` leave; return the value for `until`, or None."""
-        scope, facts = self.scope, note.facts
+    def varying_test(self, s: Loop, note: Note, mask: int, until: int) -> int | None:
+        """Append the test by which lanes of `mask` leave, some before others; return the value for `until`, or None."""
+        scope, facts, sides = self.scope, note.facts, self.sides(self.either.get(until))
         facts.varying = True
+        active = self.both(mask, until if sides is None else sides[0], "leaving")
+        some = self.let("lane_any", active, type=BOOL)
+        some = some if sides is None else self.let("or", sides[1], some)
         self.b.push()
+        active = active if sides is None else self.let("or", active, self.both(mask, sides[1]))
         self.put_aside(note.dirty_at_until, note.after, active)
         self.remove(scope.live, active)
         if not facts.jumps:
             self.b.append(If(self.none(self.load(scope.live)), (Break(s.loc),), (), s.loc))
-        leaving = self.b.pop()
-        whole = None if s.until is None else self.either.get(s.until)
-        self.b.append(If(self.some(mask, active, whole), leaving, (), s.loc))
+        self.b.append(If(some, self.b.pop(), (), s.loc))
         return self.none(self.load(scope.live)) if facts.jumps else None
 
 

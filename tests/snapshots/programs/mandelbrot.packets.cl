@@ -185,12 +185,13 @@ __kernel void mandelbrot(  // snapshot_programs.py:36
         z_y = t3;
         n += 1.0f;  // snapshot_programs.py:42
         float8x2 t4 = (float8x2){z_x, z_y};
-        int8 t5 = dot2(t4, t4) > 4.0f;  // snapshot_programs.py:43
-        bool t6 = n >= 256.0f;
-        int8 leaving = live & (t5 | (int8)(-t6));
-        if (t6 || sh_any(live & t5)) {  // snapshot_programs.py:40
-            n_out = leaving ? (float8)(n) : n_out;
-            live &= ~leaving;
+        bool t5 = n >= 256.0f;  // snapshot_programs.py:43
+        int8 leaving = live & (dot2(t4, t4) > 4.0f);
+        int8 t6 = live;
+        if (t5 || sh_any(leaving)) {  // snapshot_programs.py:40
+            int8 t7 = leaving | (t6 & (int8)(-t5));
+            n_out = t7 ? (float8)(n) : n_out;
+            live &= ~t7;
             if (!sh_any(live)) {
                 break;
             }
