@@ -9,8 +9,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from matplotlib.text import Annotation, Text
 
 import shpy as sh
 from shpy.accuracy.measuring import Variant
@@ -126,6 +124,8 @@ def sixty():
 
 
 def picture(t):
+    from matplotlib.figure import Figure  # here: to import it takes longer than most tests, in each process of a run
+
     figure = Figure(figsize=(10, 6), layout="constrained")
     draw(t._comparison, figure)
     figure.draw_without_rendering()
@@ -139,6 +139,8 @@ def picture(t):
 def test_labels_cover_neither_each_other_nor_a_point(count, seed):
     t = many(count, seed, EXTREMES if count > 5 else ())
     _, axes = picture(t)
+    from matplotlib.text import Annotation, Text
+
     labels = [text for text in axes.texts if isinstance(text, Annotation)]
     assert [text.get_text().replace("\n", " ") for text in labels] == [str(c) for c in t.frontier]
     boxes = [Text.get_window_extent(text) for text in labels]

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import shpy as sh
 from shpy import SH_FOR, SH_IF, SH_WHILE, cli
@@ -261,6 +260,8 @@ def test_large_errors_point_here(monkeypatch: pytest.MonkeyPatch) -> None:
         cosine, domain, sh.accuracy.ulp(4), rounds=1, elements=9, math="strict", precision=["f32", "f64"], **few
     )
     assert str(comparison).count(line) == 1
+    from matplotlib.figure import Figure  # here: as in test_pareto.py
+
     figure = Figure()
     monkeypatch.setattr("shpy.accuracy.tradeoffs.new_figure", lambda *size: figure)
     monkeypatch.setattr("shpy.accuracy.tradeoffs.save_figure", lambda *content: None)
