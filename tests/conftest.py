@@ -92,7 +92,8 @@ def pytest_generate_tests(metafunc):
             if id(case) not in chosen and not _is_slow(case):
                 case.marks.append(pytest.mark.slow.mark)
     if metafunc.config.option.markexpr == "not slow" and not any("::" in name for name in metafunc.config.args):
-        cases[1:] = [case for case in cases[1:] if slow is None and not _is_slow(case)]  # of none pytest makes one
+        # The first case stays, slow or not: without any, pytest would make an item without parameters.
+        cases[1:] = [case for case in cases[1:] if slow is None and not _is_slow(case)]
     return result
 
 
