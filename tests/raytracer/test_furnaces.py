@@ -1,7 +1,7 @@
 """White furnaces: no material, by hand or of a file, sends out more light than it receives, in Path and in Whitted.
 
-Three kernels show all materials, one each for opaque balls, clear ones and bodies: beside the ball stand grains, too
-small to be seen, that need the rest of the code.
+Three kernels show all materials without pictures, one each for opaque balls, clear ones and bodies: beside the ball
+stand grains, too small to be seen, that need the rest of the code. Materials with pictures stand in one scene.
 """
 
 import dataclasses
@@ -12,8 +12,8 @@ import pytest
 from gltf_files import File
 from test_microfacets import BALL, check_gains_nothing
 
-from raytracer import Camera, EnvironmentLight, MetallicRoughness, Path, Renderer, Scene, Whitted
-from raytracer.meshes.shapes import icosahedron
+from raytracer import Camera, EnvironmentLight, MetallicRoughness, Path, Renderer, Scene, Texture, Whitted, render
+from raytracer.meshes.shapes import icosahedron, sphere
 
 LAYERS = {"clearcoat": 0.5, "sheen_color": (0.5, 0.5, 0.5), "sheen_roughness": 0.5, "anisotropy": 0.5}
 EVERYTHING = [
@@ -22,6 +22,23 @@ EVERYTHING = [
     MetallicRoughness(transmission=0.5, thickness=1, attenuation_color=(0.5, 0.6, 0.7), attenuation_distance=1),
 ]
 AROUND = EnvironmentLight((1, 1, 1))
+SMALL_BALL = sphere(1, rings=12, segments=24)
+ACROSS = 16
+"""Balls of a row."""
+PICTURED = (
+    *("base_color", "metallic", "roughness", "ior", "specular", "specular_color", "clearcoat", "clearcoat_roughness"),
+    *("sheen_color", "sheen_roughness", "anisotropy", "transmission", "alpha", "normal"),
+)
+OF_A_BODY = {"base_color", "roughness", "transmission", "normal"}
+"""Fields that may be pictures in any material, and of them those of a body."""
+TEXTURES = {
+    "pbrMetallicRoughness": ("baseColorTexture", "metallicRoughnessTexture"),
+    "KHR_materials_clearcoat": ("clearcoatTexture", "clearcoatRoughnessTexture"),
+    "KHR_materials_sheen": ("sheenColorTexture", "sheenRoughnessTexture"),
+    "KHR_materials_specular": ("specularTexture", "specularColorTexture"),
+    "KHR_materials_anisotropy": ("anisotropyTexture",),
+    "KHR_materials_transmission": ("transmissionTexture",),
+}
 INTEGRATORS = {"path": Path(samples=64, bounces=8), "whitted": Whitted(bounces=8)}
 
 
@@ -102,16 +119,55 @@ def random_entry(rng):
     return {"pbrMetallicRoughness": look, "extensions": used}
 
 
-def materials_of_a_file(path, count):
-    file, rng = File(), np.random.default_rng(0)
+def random_texels(rng, channels=3):
+    """Return numbers from 0 to 1, half of them ends; in half of the pictures all of them are above 0.9."""
+    ends = rng.integers(0, 2, (4, 4, channels))
+    texels = np.where(rng.random(ends.shape) < 0.5, ends, rng.random(ends.shape))
+    return 1 - 0.1 * texels if rng.random() < 0.5 else texels
+
+
+def with_pictures(look, rng):
+    """Put pictures in the place of half of the numbers and colours of a material; some go beyond 1."""
+    fields = PICTURED if not look.thickness else [name for name in PICTURED if name in OF_A_BODY]
+    fields = [name for name in fields if rng.random() < 0.5]
+    return dataclasses.replace(look, **{name: Texture(rng.choice([1, 1, 3]) * random_texels(rng)) for name in fields})
+
+
+def add_pictures(entry, file, rng):
+    """Add pictures to half of the slots that an entry of a glTF file has."""
+    tables = entry["extensions"] | {"pbrMetallicRoughness": entry["pbrMetallicRoughness"], "normal": entry}
+    for name, slots in (TEXTURES | {"normal": ("normalTexture",)}).items():
+        for slot in slots if name in tables else ():
+            if rng.random() < 0.5:
+                tables[name][slot] = {"index": file.picture(255 * random_texels(rng, 4))}
+
+
+def materials_of_a_file(path, count, pictures=False):
+    file, rng = File(), np.random.default_rng(int(pictures))
     for _ in range(count):
-        file.node(mesh=file.mesh(file.square(material=file.material(**random_entry(rng)))))
+        entry = random_entry(rng)
+        if pictures:
+            add_pictures(entry, file, rng)
+        file.node(mesh=file.mesh(file.square(material=file.material(**entry))))
     return [mesh.material for mesh in Scene.load(file.save(path), floor=False).meshes[:count]]
 
 
-def check(integrator, look):
+def colors_of_all(integrator, looks):
+    """Return the colours of the pixels of balls that stand side by side, an array (n, 3) for each."""
+    places = [(3 * (k % ACROSS), 3 * (k // ACROSS), 0) for k in range(len(looks))]
+    balls = [SMALL_BALL.with_material(look).moved(place) for look, place in zip(looks, places, strict=True)]
+    middle = np.add(places[0], places[-1]) / 2
+    middle[0] = 1.5 * (ACROSS - 1)
+    rows = -(-len(looks) // ACROSS)
+    camera = Camera((*middle[:2], 9), middle, projection="orthographic", span=3 * min(rows, ACROSS))
+    size = 16 * ACROSS, 16 * rows
+    image = render(Scene(balls, [AROUND], camera), size, integrator=INTEGRATORS[integrator], backend="opencl")
+    assert np.isfinite(image.pixels).all()
+    return [image.pixels[image.object_id == k].astype(np.float64) for k in range(len(looks))]
+
+
+def check(integrator, colors):
     """Check the mean in path tracing, and each pixel of Whitted's tracer, which has no noise."""
-    colors = colors_of(integrator, look)
     if integrator == "path":
         check_gains_nothing(colors)
     else:
@@ -123,7 +179,7 @@ def test_opaque_materials_gain_no_light_in_a_furnace():
     looks = [random_material(np.random.default_rng(seed)) for seed in range(40)]
     opaque = [look for look in looks if not look.numbers["transmission"]]
     assert len(opaque) > 15
-    assert max(check("path", look) for look in opaque) > 0.9
+    assert max(check("path", colors_of("path", look)) for look in opaque) > 0.9
 
 
 @pytest.mark.slow
@@ -137,4 +193,20 @@ def test_no_material_gains_light_in_a_furnace(tmp_path, origin, integrator):
         looks = [random_material(np.random.default_rng(seed)) for seed in range(250)]
     assert len(set(looks)) == 250
     for look in looks:
-        check(integrator, look)
+        check(integrator, colors_of(integrator, look))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("origin", ["hand", "file"])
+@pytest.mark.filterwarnings("ignore::shpy.ShpyWarning")
+def test_no_material_with_pictures_gains_light_in_a_furnace(tmp_path, origin, integrator):
+    if origin == "file":
+        looks = materials_of_a_file(tmp_path / "grid.glb", 250, pictures=True)
+    else:
+        generators = map(np.random.default_rng, range(250))
+        looks = [with_pictures(random_material(rng), rng) for rng in generators]
+    assert set(PICTURED if origin == "hand" else OF_A_BODY) <= {
+        name for look in looks for name in PICTURED if isinstance(getattr(look, name), Texture)
+    }
+    assert max(check(integrator, colors) for colors in colors_of_all(integrator, looks)) > 0.9
