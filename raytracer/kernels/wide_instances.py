@@ -4,9 +4,9 @@ Stage: kernel. As in `wide_walk`, on a stack, boxes of both levels among each ot
 instance, the ray enters it: boxes are then met in the part's coordinates, and the corners of triangles are placed in
 the scene, as in `instances`. It leaves the instance where the stack is down to what it held when the ray entered.
 
-Path traced pictures take .42 of the CPU time of packets in `examples/meadow.py`, and .9 with ten knots of 10,000
-triangles (Intel Xeon, AVX-512), there 1.0 of the time with triangles of their own (`python -m benchmarks --only
-instances`).
+Path traced pictures take .42 of the CPU time of packets alone in `examples/meadow.py`, and .9 with ten knots of 10,000
+triangles (Intel Xeon, AVX-512). With eye rays in packets beside it, those of the knots take .7 of the time with
+triangles of their own (`python -m benchmarks --only instances`).
 """
 
 from __future__ import annotations
