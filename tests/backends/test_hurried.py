@@ -1,8 +1,11 @@
 """Large kernels are built without the driver's optimization, and once more, optimized, when that has paid."""
 
+import threading
+
 import numpy as np
 import pytest
 
+import raytracer as rt
 import shpy as sh
 from shpy.backend.device.pace import Watch
 from shpy.backend.opencl.device import building
@@ -32,6 +35,7 @@ def by_numpy(x, scale=1.5):
 def hurried(monkeypatch):
     """Return a kernel that is built in a hurry; `pays(True)` lets the optimized build pay from then on."""
     answer = [False]
+    monkeypatch.setenv("SHPY_CACHE_DIR", "")
     monkeypatch.setattr(building, "LARGE", 1)
     monkeypatch.setattr(Watch, "pays", property(lambda self: self.watches and answer[0]))
     monkeypatch.setattr(kernels, "_executables", {})
@@ -63,6 +67,25 @@ def test_a_better_build_pays_once_the_runs_and_the_rest_of_one_take_as_long():
     assert watch.pays
     watch.end()
     assert not watch.pays
+
+
+def test_quarters_that_earlier_processes_spent_count():
+    now, told = [0.0], []
+
+    def run(watch, seconds):
+        watch.driver(1, lambda *_: now.__setitem__(0, now[0] + seconds), lambda _: None, 1, reads=True)()
+
+    first = Watch(0.5, lambda: now[0], bounded=True, worth=1.0, tell=told.append)
+    for seconds in (0.2, 0.2, 0.2):
+        run(first, seconds)
+    assert told == [1, 2]
+    second = Watch(0.5, lambda: now[0], bounded=True, worth=1.0, quarters=2, tell=told.append)
+    assert not second.pays
+    run(second, 0.3)
+    assert told == [1, 2, 3]
+    run(second, 0.3)
+    assert second.pays
+    assert told == [1, 2, 3]
 
 
 def test_both_builds_give_the_same_bits_and_the_second_takes_over(hurried):
@@ -131,3 +154,46 @@ def test_a_text_that_was_optimized_before_is_optimized_at_once(hurried, monkeypa
 def test_other_modes_are_optimized_at_once(hurried):
     assert HURRIED in sh.Program(curve.recorded).compile("opencl", math="portable").notes
     assert HURRIED not in sh.Program(curve.recorded).compile("opencl", math="relaxed").notes
+
+
+@pytest.mark.usefixtures("hurried")
+def test_a_script_that_is_run_again_comes_to_the_second_build(monkeypatch, tmp_path):
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
+    for quarters in (1, 2, 3):
+        watch = sh.Program(curve.recorded).compile("opencl")._executable.pace
+        assert watch._quarters == quarters - 1
+        watch._tell(quarters)
+        monkeypatch.setattr(kernels, "_executables", {})
+
+
+def test_threads_share_a_kernel_that_is_replaced(hurried):
+    kernel, pays = hurried
+    expected, answers = by_numpy(X), []
+
+    def call():
+        for _ in range(6):
+            answers.append(kernel(X))
+
+    threads = [threading.Thread(target=call) for _ in range(8)]
+    for at, thread in enumerate(threads):
+        thread.start()
+        pays(at > 2)
+    for thread in threads:
+        thread.join()
+    assert len(answers) == 48
+    for answer in answers:
+        np.testing.assert_array_equal(answer, expected)
+    assert HURRIED not in kernel.notes
+
+
+def test_a_scene_has_the_same_picture_with_both_builds(monkeypatch):
+    monkeypatch.setenv("SHPY_CACHE_DIR", "")
+    monkeypatch.setattr(Machine, "hurries", True)
+    scene = rt.Scene.builtin("boxes")
+    renderer = rt.Renderer(scene, backend="opencl")
+    first = renderer.render((32, 24))
+    assert HURRIED in renderer.kernel.notes
+    monkeypatch.setattr(Watch, "pays", property(lambda self: self.watches))
+    second = renderer.render((32, 24))
+    assert HURRIED not in renderer.kernel.notes
+    np.testing.assert_array_equal(first.pixels, second.pixels)

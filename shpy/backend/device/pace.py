@@ -29,6 +29,8 @@ BRIEF: Final = 0.005
 """Seconds of a dispatch that a caller need not be able to interrupt."""
 AGAIN_AFTER: Final = 64
 """Brief dispatches after which one is timed again."""
+QUARTERS: Final = 4
+"""Parts of what a better build costs, in which it is told how much was spent."""
 SHORT: Final = 10
 """A dispatch that takes less than one in this many of `SECONDS` is short."""
 
@@ -139,11 +141,20 @@ class Watch(Pace):
     """
 
     def __init__(
-        self, seconds: float, clock: Callable[[], float] = time.perf_counter, *, bounded: bool, worth: float
+        self,
+        seconds: float,
+        clock: Callable[[], float] = time.perf_counter,
+        *,
+        bounded: bool,
+        worth: float,
+        quarters: int = 0,
+        tell: Callable[[int], None] = lambda _: None,
     ) -> None:
+        """`quarters` of `worth` were spent before; each further one is told."""
         super().__init__(seconds, clock, bounded=bounded)
         self.watches = True
-        self._worth, self._spent, self._rest = worth, 0.0, 0.0
+        self._worth, self._spent, self._rest = worth, worth * quarters / QUARTERS, 0.0
+        self._quarters, self._tell = quarters, tell
         self._left = 0
         """Elements that the current run has still to do."""
 
@@ -190,3 +201,7 @@ class Watch(Pace):
         self._spent += seconds
         # Of a brief dispatch most time may go into its start.
         self._rest = seconds / elements * self._left if seconds >= BRIEF else 0.0
+        quarters = int(QUARTERS * self._spent / self._worth)
+        if self.watches and self._quarters < quarters < QUARTERS:
+            self._quarters = quarters
+            self._tell(quarters)

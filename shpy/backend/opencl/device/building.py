@@ -7,8 +7,9 @@ work item fits is refused before the driver sees it, since the driver would buil
 run. `run` runs the kernel.
 
 PoCL takes half the time for a large program that it does not optimize, with the same bits. So it does not at first, and
-once the runs have taken as long as an optimized build does, that follows: a first picture is there sooner. Bits may
-differ in relaxed and fast mode, which are optimized at once, as are texts that an earlier process optimized.
+once the runs, of earlier processes too, have taken as long as an optimized build does, that follows: a first picture is
+there sooner. Bits may differ in relaxed and fast mode, which are optimized at once, as are texts that an earlier
+process optimized.
 
     executable = backend.compile(module, Options())
     status = executable.run(call)
@@ -25,7 +26,7 @@ from typing import Any, Final
 from shpy.backend.base import Device, Executable, Options
 from shpy.backend.device import store
 from shpy.backend.device.once import once
-from shpy.backend.device.pace import SECONDS, Pace, Watch
+from shpy.backend.device.pace import QUARTERS, SECONDS, Pace, Watch
 from shpy.backend.device.probe import EMULATED, emulates_fma, refuse_wrong, uncorrected
 from shpy.backend.opencl.device.collective import collectives
 from shpy.backend.opencl.device.compiler_trials import thread_stack
@@ -99,6 +100,7 @@ Path-traced `glass` (2,506 statements, 16 lanes) has 257 kB, a shader of 64 lane
 """
 _OPTIMIZED: Final = "texts that the driver optimized"
 """The list of the texts whose optimized code the driver is expected to have in its own files."""
+_SPENT: Final = "quarters that were spent on texts which the driver did not optimize"
 
 
 class OpenCLBackend:
@@ -170,7 +172,10 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
         remarks = (*remarks, _GROUPED.format(kernel.private.size, group, whole))
     worth = _worth(machine, prepared.module, kernel, options)
     seconds, bounded = _CPU_SECONDS if machine.is_cpu else SECONDS, few_turns(prepared.module)
-    pace = Pace(seconds, bounded=bounded) if worth is None else Watch(seconds, bounded=bounded, worth=worth)
+    pace = Pace(seconds, bounded=bounded)
+    if worth is not None:
+        name = machine.key(kernel.text, machine.options(options.math))
+        pace = Watch(seconds, bounded=bounded, worth=worth, quarters=_spent(name), tell=partial(_remember, name))
     with machine.lock:
         try:
             program = machine.build(kernel.text, options.math, hurried=worth is not None)
@@ -193,6 +198,16 @@ def _worth(machine: Machine, module: Module, kernel: KernelText, options: Option
         return None
     is_kept = store.is_remembered(_OPTIMIZED, machine.key(kernel.text, machine.options(options.math)))
     return None if is_kept else _EACH * statements
+
+
+def _spent(name: str) -> int:
+    """Return the quarters of an optimized build's cost that earlier processes spent on a text without one."""
+    return max(n for n in range(QUARTERS) if not n or store.is_remembered(_SPENT, f"{name}+{n}"))
+
+
+def _remember(name: str, quarters: int) -> None:
+    """Remember the quarters that processes spent: a script that is run again and again would never reach all four."""
+    store.remember(_SPENT, f"{name}+{quarters}")
 
 
 def _optimized(machine: Machine, module: Module, text: str, options: Options) -> Any:
