@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.backend.numpy.lanes import clamp_index
 from shpy.ir.meaning import floor_mod_int
 
 Array = NDArray[Any]
@@ -296,9 +297,9 @@ class TableView:
         """Return the number of the element in memory, from its clamped index on each axis."""
         if len(self._rows) >= 2**31:
             return np.asarray(np.ravel_multi_index(tuple(index), self._extents, mode="clip"))
-        flat: Array = np.clip(index[0], 0, self._extents[0] - 1)
+        flat = clamp_index(index[0], self._extents[0])
         for axis, extent in zip(index[1:], self._extents[1:], strict=True):
-            flat = flat * flat.dtype.type(extent) + np.clip(axis, 0, extent - 1)
+            flat = flat * flat.dtype.type(extent) + clamp_index(axis, extent)
         return flat
 
 
