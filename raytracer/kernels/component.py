@@ -77,7 +77,7 @@ class FoundHit(NamedTuple):
 
 
 class FoundInstance(NamedTuple):
-    """A `FoundHit`, and the place `uv` in the triangle `id` of an instance, in the part's coordinates."""
+    """A `FoundHit`, the number `id` of the triangle in the tables, the weights of its corners there, and its instance."""
 
     t: sh.Attrib1f
     triangle: sh.Attrib1i

@@ -65,8 +65,8 @@ class InstanceHit(RayHit):
     @property
     def in_scene(self) -> tuple[Any, Any]:
         """The number of the triangle among those of all meshes, and the weights of its corners 1 and 2 there."""
-        turned = self.instances.turned(sh.max(self.instance, 0), self.uv.x, self.uv.y, 1.0)
-        return self.order, sh.TexCoord2f(*turned)
+        weights = self.instances.weights_in_scene(sh.max(self.instance, 0), self.uv.x, self.uv.y, 1.0)
+        return self.order, sh.TexCoord2f(*weights)
 
     def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
         """Take the triangle `number` of the instance if it is `met` at a distance `t` less than `l`.
@@ -134,7 +134,7 @@ class NumberedHit:
 
     def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
         """Offer the triangle `number` of the instance to the hit."""
-        weights = *self.instances.turned(self.inside, *weights), weights[2]
+        weights = *self.instances.weights_in_scene(self.inside, *weights), weights[2]
         self.hit.offer(met, t, self.instances.order_of(number, self.inside), weights)
 
 
@@ -142,7 +142,7 @@ class Instances:
     """The tables of instances; see `TwoLevels`."""
 
     def __init__(self, levels: TwoLevels) -> None:
-        self.placed = levels.rows
+        self.latest = levels.rows
         self.rows = sh.Table(levels.rows, sh.Attrib4f, "instances", unique=False)
         numbers = np.stack([levels.roots[levels.part_of], levels.firsts], axis=1)
         self.numbers = sh.Table(numbers.astype(np.int32), sh.Attrib2i, "instance_numbers", unique=False)
@@ -157,15 +157,15 @@ class Instances:
 
     def place(self, levels: TwoLevels) -> None:
         """Take the places of instances that have moved."""
-        if levels.rows is not self.placed:
-            self.placed = levels.rows
+        if levels.rows is not self.latest:
+            self.latest = levels.rows
             self.rows.update(levels.rows)
 
     def order_of(self, number: Any, instance: Any) -> Any:
         """Return the number of a triangle of an instance among those of all instances."""
         return self.order[number] + self.numbers[instance].y
 
-    def turned(self, instance: Any, wb: Any, wc: Any, whole: Any) -> tuple[Any, Any]:
+    def weights_in_scene(self, instance: Any, wb: Any, wc: Any, whole: Any) -> tuple[Any, Any]:
         """Return the weights of corners 1 and 2 in the scene, where those of a mirrored mesh are in the other order."""
         return wb, sh.cond(self[instance].hand < 0, whole - wb - wc, wc)
 

@@ -221,7 +221,7 @@ class Sight:
         x, y = sh.cond(self.by_x, v[1], v[0]), sh.cond(self.by_xy, v[2], v[1])
         return x, y, sh.cond(self.by_x, v[0], sh.cond(self.by_xy, v[1], v[2]))
 
-    def turned_back(self, v: Sequence[Any]) -> list[Any]:
+    def straight(self, v: Sequence[Any]) -> list[Any]:
         """Return the components along x, y and z of a vector that `turned` gave."""
         y = sh.cond(self.by_x, v[0], sh.cond(self.by_xy, v[2], v[1]))
         return [sh.cond(self.by_x, v[2], v[0]), y, sh.cond(self.by_xy, v[1], v[2])]

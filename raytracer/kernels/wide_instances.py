@@ -140,14 +140,14 @@ class PlacedBlockTest(BlockTest):
         for row, other in zip(self.matrix, self.sight.turned(placement.matrix), strict=True):
             row[:] = other
 
-    def corner(self, records: Any, row: Any) -> list[Any]:
+    def corner(self, records: Any, place: Any) -> list[Any]:
         """Return the turned coordinates of a corner of each triangle in the scene, relative to the ray's origin."""
-        own = [floats(records, row + 2 * axis) for axis in range(3)]
-        return [product(turned, own) + turned.w - eye for turned, eye in zip(self.matrix, self.sight.eye, strict=True)]
+        own = [floats(records, place + 2 * axis) for axis in range(3)]
+        return [product(row, own) + row.w - eye for row, eye in zip(self.matrix, self.sight.eye, strict=True)]
 
     def straight(self, records: Any, row: Any, corner: Sequence[Any]) -> list[Any]:
         """Return the coordinates of the first corner of each triangle, whose turned ones are those of `corner`."""
-        return self.sight.turned_back(corner)
+        return self.sight.straight(corner)
 
     def plane(self, records: Any, row: Any) -> tuple[list[Any], PlaneView]:
         """Return the unit normal of each triangle in the scene, and its plane."""

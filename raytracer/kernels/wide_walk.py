@@ -300,9 +300,9 @@ class BlockTest:
             for k in range(BLOCK):
                 hit.offer(met[k], t[k], numbers[k], (wb[k], wc[k], whole[k]))
 
-    def corner(self, records: Any, row: Any) -> list[Any]:
+    def corner(self, records: Any, place: Any) -> list[Any]:
         """Return the turned coordinates of a corner of each triangle, relative to the ray's origin."""
-        return [floats(records, row + self.rows[axis]) - self.sight.eye[axis] for axis in range(3)]
+        return [floats(records, place + self.rows[axis]) - self.sight.eye[axis] for axis in range(3)]
 
     def straight(self, records: Any, row: Any, corner: Sequence[Any]) -> list[Any]:
         """Return the coordinates of the first corner of each triangle, whose turned ones are those of `corner`."""
