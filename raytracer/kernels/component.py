@@ -77,7 +77,7 @@ class FoundHit(NamedTuple):
 
 
 class FoundInstance(NamedTuple):
-    """A `FoundHit`, the number `id` of the triangle in the tables, the weights of its corners there, and its instance."""
+    """A `FoundHit`, the triangle's number `id` in the tables, the weights of its corners there, and its instance."""
 
     t: sh.Attrib1f
     triangle: sh.Attrib1i
