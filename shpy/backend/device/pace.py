@@ -30,7 +30,7 @@ BRIEF: Final = 0.005
 AGAIN_AFTER: Final = 64
 """Brief dispatches after which one is timed again."""
 QUARTERS: Final = 4
-"""Parts of what a better build costs, in which it is told how much was spent."""
+"""Equal parts of a better build's cost: a `Watch` tells each time when one more of them is spent."""
 SHORT: Final = 10
 """A dispatch that takes less than one in this many of `SECONDS` is short."""
 

@@ -86,10 +86,10 @@ and 2.8 ms. On another such processor the calls at 64 took twice those at 16.
 LARGE: Final = 800
 """Statements of a prepared program from which on its first build is not optimized.
 
-CPU seconds of PoCL 3.1, optimized and not, and CPU milliseconds of a picture of 64 x 48 (least of 2 to 5 rounds): boxes
-(1,105 statements) 0.68 and 0.35, 1.9 and 2.8; path-traced `mixed` (2,218) 1.10 and 0.48, four samples 27 and 52. Small
-programs gain less and lose more: a shader runs for 16 and 107 ms. `python -m benchmarks --only starting` prints a start
-with both.
+CPU seconds of PoCL 3.1, optimized and not, and CPU milliseconds of a picture of 64 x 48 (a busy machine, least of 2 to
+5 rounds): boxes (1,105 statements) 0.68 and 0.35, 1.9 and 2.8; path-traced `mixed` (2,218) 1.10 and 0.48, four samples
+27 and 52. Small programs gain less and lose more: a shader runs for 16 and 107 ms. `python -m benchmarks --only
+starting` prints a start with both.
 """
 _EACH: Final = 4.5e-4
 """Seconds that an optimized build takes for each of these statements."""
