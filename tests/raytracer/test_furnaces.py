@@ -30,7 +30,7 @@ PICTURED = (
     *("sheen_color", "sheen_roughness", "anisotropy", "transmission", "alpha", "normal"),
 )
 OF_A_BODY = {"base_color", "roughness", "transmission", "normal"}
-"""Fields that may be pictures in any material, and of them those of a body."""
+"""The fields that may be pictures, and those that may be pictures in a body."""
 TEXTURES = {
     "pbrMetallicRoughness": ("baseColorTexture", "metallicRoughnessTexture"),
     "KHR_materials_clearcoat": ("clearcoatTexture", "clearcoatRoughnessTexture"),
