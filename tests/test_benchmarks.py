@@ -34,7 +34,7 @@ def mesh():
     return knot(segments=24, sides=6)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("work", [*command.KERNELS.values(), *command.CHAINS.values()], ids=lambda work: work.name)
 def test_every_backend_gives_the_answer_of_numpy(work):
     contenders = [*TARGETS, "masks", "hand"]

@@ -37,6 +37,7 @@ def closed_pipe():
     return writer
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("words", [["raytracer", "scenes"], ["shpy", "--help"]])
 def test_a_reader_that_has_gone_is_no_news(words):
     writer = closed_pipe()
@@ -45,6 +46,7 @@ def test_a_reader_that_has_gone_is_no_news(words):
     assert (done.returncode, done.stderr) == (1, "")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("words", [["raytracer", "scenes"], ["shpy", "--help"]])
 def test_a_full_disk_is_one_line(words):
     with open("/dev/full", "w") as full:
@@ -52,6 +54,7 @@ def test_a_full_disk_is_one_line(words):
     assert (done.returncode, done.stderr) == (1, f"{words[0]}: [Errno 28] No space left on device\n")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("words", ["raytracer render boxes --size 4x4 --backend numpy", "shpy doctor"])
 def test_an_output_that_is_closed_is_no_error(words, tmp_path):
     shell = f'"{sys.executable}" -m {words} >&-'

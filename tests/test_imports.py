@@ -15,6 +15,7 @@ LATER = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("package", LATER)
 def test_an_import_loads_no_more_than_a_plain_program_needs(package):
     text = f"import sys, numpy; before = set(sys.modules); import {package}; print(*set(sys.modules) - before)"

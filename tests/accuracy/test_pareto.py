@@ -169,7 +169,7 @@ def test_the_picture_has_units_logarithms_and_a_legend_outside_of_the_data():
     assert {text.get_text() for text in axes.texts} >= {"exact", "infinite"}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize(("errors", "budget"), [((0.0, math.inf), 0), ((0.0, 0.0), 0), ((5e-324, 1.7e308), 1)])
 def test_errors_without_a_logarithm_or_at_the_ends_of_binary64_are_drawn(errors, budget, tmp_path):
     found(*(candidate(1.0 + n, e, held=True) for n, e in enumerate(errors)), budget=budget).plot(tmp_path / "t.png")

@@ -26,7 +26,7 @@ def summing(index, start=lambda at: sh.clamp(at, 0, 7)):
     return sh.program(sums)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("base", [np.float32, np.int32, np.uint32, np.bool_])
 def test_elements_of_every_type(base):
     """Tables of each size, which one program reads."""

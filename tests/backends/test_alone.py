@@ -53,6 +53,7 @@ def program(alone=True):
     return many
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [pytest.param(1000, marks=pytest.mark.slow), None])
 def test_every_width_gives_the_same_bits(limit):
     many = program()
@@ -96,7 +97,7 @@ def climbs(name):
     return climbing
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize(
     ("name", "widths"),
     [("rows", (1, 4, 16, 32)), ("k", (4,)), ("n", (16,)), ("lanes", (4,)), ("there", (16,)), ("steps_of", (32,)),

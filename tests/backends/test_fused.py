@@ -98,7 +98,7 @@ def having(precision):
     return ["interpreter", "numpy", "opencl-1", "opencl-8", *["glsl"] * (precision != "f64")]
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_other_precisions(name, precision):

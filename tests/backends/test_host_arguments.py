@@ -171,6 +171,7 @@ class Unused:
         raise AssertionError("it was run")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_wrong_argument_is_named_before_anything_runs(backend, name, monkeypatch):

@@ -38,7 +38,7 @@ def given(base: str):
     return np.concatenate([x, bits]), np.concatenate([n, by])
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("base", "fdh")
 def test_ldexp_rounds_once(base, lanes):

@@ -161,7 +161,7 @@ def of_four(a: sh.Attrib4f) -> sh.Attrib4f:
     return summed(a)
 
 
-@pytest.mark.sampled(15)  # each width and each option once
+@pytest.mark.sampled(30)  # each width and each option once
 @everywhere
 @pytest.mark.parametrize(
     "options", [{}, {"fuse": True}, {"precision": "f16"}, {"precision": "f64"}, {"math": "portable"}], ids=str

@@ -180,7 +180,7 @@ CASES += [(while_return, kind, "strict") for kind in (sh.Attrib1u, sh.Attrib1f, 
 CASES += [(BREAKING["while_break"], kind, "fast") for kind in (sh.Attrib1i, sh.Attrib1f)]
 
 
-@pytest.mark.sampled(20)
+@pytest.mark.slow
 @pytest.mark.parametrize(("spelling", "kind", "math"), CASES)
 def test_an_exit_that_follows_the_step_holds_when_it_should(spelling: Any, kind: Any, math: Any) -> None:
     """Every comparison with each number; with one of them on OpenCL, whose compiler takes a second for all."""

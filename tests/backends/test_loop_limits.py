@@ -291,7 +291,7 @@ def every() -> sh.Program:
 TARGETS = [("numpy", {}), *(("opencl", {"lanes": n}) for n in (1, 8)), ("glsl", {})]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("backend", "options"), TARGETS, ids=["numpy", "opencl-1", "opencl-8", "glsl"])
 def test_each_spelling_takes_its_limit_and_no_iteration_more(backend: str, options: dict[str, Any]) -> None:
     which, n = (a.ravel().astype(np.int32) for a in np.meshgrid(np.arange(len(SPELLINGS)), [1, 2, 49, 50, 51, 90]))

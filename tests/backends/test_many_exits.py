@@ -149,7 +149,7 @@ FUNCTIONS = [
 """Recorded by the tests that run: each has hundreds of statements."""
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)
 def test_all_exits_of_a_loop_are_taken(function):
     program = sh.program(function)

@@ -175,6 +175,7 @@ def test_relaxed_keeps_the_bound_of_opencl(backend: str) -> None:
             check_bound(found, in_f64(name, x), OPS[name].bound("relaxed").ulp, (x,), flushed=flushed)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_relaxed_of_two_keeps_the_bound_of_opencl(backend: str) -> None:
     a, b = (grid.ravel() for grid in np.meshgrid(SPECIAL, SPECIAL))
@@ -252,6 +253,7 @@ def test_strict_doubles_keep_their_bound_and_have_the_same_bits(name: str) -> No
     check_bound_of_doubles(name, expected, arrays)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("every", [all_of_one, all_of_two])
 def test_strict_doubles_have_the_same_bits_in_packets(every: Callable[[], sh.Program]) -> None:
     """All functions on the numbers of each."""

@@ -204,7 +204,7 @@ def test_a_component_at_an_index_is_clamped(base: str) -> None:
     check(*cases)
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(20)
 @pytest.mark.parametrize("op", ["add", "sub", "mul"])
 @pytest.mark.parametrize("constant", [-(2**31), -3, -1, 1, 2, 2**31 - 1])
 def test_ints_wrap_beside_constants(op: str, constant: int) -> None:

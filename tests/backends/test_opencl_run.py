@@ -66,7 +66,7 @@ def test_a_uniform_input_is_the_same_for_all() -> None:
     assert np.array_equal(compiled(one, a[0, 0], False), one)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("size", [1, 2, 3, 4])
 def test_bools_in_and_out(size: int) -> None:
     b = Builder("invert")

@@ -89,6 +89,7 @@ def opened_by_threads(backend, tmp_path):
     return json.loads(done.stdout)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_eight_threads_open_a_device_once(backend, tmp_path):
     wrong, opened = opened_by_threads(backend, tmp_path)

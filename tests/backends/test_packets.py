@@ -238,7 +238,7 @@ def test_each_lane_knows_its_place(lanes: int, shape: tuple[int, ...]) -> None:
     same(found, (expected[..., 0] if rank == 1 else expected).astype(np.int32))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("kind", ["f", "i", "u", "b"])
 @each_width
 def test_tables_are_read_at_places_that_differ(lanes: int, kind: str) -> None:
@@ -271,7 +271,7 @@ def test_tables_are_read_at_places_that_differ(lanes: int, kind: str) -> None:
             same(next(found), np.broadcast_to(element, (50, *element.shape)))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("kind", [sh.Attrib1f, sh.Attrib2i, sh.Attrib1b, sh.Attrib1d])
 @each_width
 def test_arrays_of_a_lane_of_its_own(lanes: int, kind: Any) -> None:
@@ -391,6 +391,7 @@ def test_random_programs(seed: int) -> None:
         same(found, expected)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("few", [True, False])
 def test_a_large_kernel_calls_a_function_whose_code_is_generated_once(few: bool) -> None:
     @sh.program

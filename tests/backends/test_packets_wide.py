@@ -55,6 +55,7 @@ def test_vectors_of_every_size_by_halves(lanes: int) -> None:
     test_packets.check_memory(lanes, "fb")
 
 
+@pytest.mark.sampled(2)
 @each_wide
 def test_loops_branches_and_exits(lanes: int) -> None:
     if refused(lanes):

@@ -293,6 +293,7 @@ def test_what_is_hidden_from_a_driver_that_misreads_exits_changes_no_result(
         assert np.array_equal(found, wanted)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_what_cannot_be_mended_is_refused(backend: str, wrong: Any) -> None:
     wrong("floor")
@@ -385,6 +386,7 @@ def counted(monkeypatch):
     return asked
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("nothing_kept", [False, True])
 def test_pocl_is_tried_here_and_answers_as_another_process_does(tmp_path, monkeypatch, nothing_kept):
     """Another process runs them if nothing is kept on disk: no process could know that a trial ended one before."""

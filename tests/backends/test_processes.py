@@ -244,6 +244,7 @@ def test_a_forked_child_ends_with_its_status(tmp_path, backend):
     assert done.stdout == "buffered by C\n[0, 3, 4, 5, 6, 7, 4]\n", done.stderr
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_a_child_may_use_what_its_parent_has_not(tmp_path, backend):
     done = run(tmp_path, f"print(*forked(lambda: double.compile({backend!r})(np.float32([1, 2])).tolist()))")

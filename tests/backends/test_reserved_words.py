@@ -96,7 +96,7 @@ ALL = sorted(set().union(*RESERVED.values(), GLSL.split(), OPENCL.split()))
 TARGETS = [("numpy", {}, 1), ("opencl", {"lanes": 1}, 1), ("opencl", {"lanes": 4}, 8), ("glsl", {}, 40)]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("backend", "options", "run"), TARGETS, ids=["numpy", "opencl-1", "opencl-4", "glsl"])
 def test_reserved_words_are_names_of_everything(backend: str, options: dict[str, Any], run: int) -> None:
     """Every word is compiled, on GLSL in parts, for Mesa takes minutes for 500 functions; one in `run` is run."""

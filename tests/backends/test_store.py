@@ -150,7 +150,7 @@ def test_a_warning_names_the_line_that_compiles(tmp_path, backend):
     assert f"{tmp_path}/program.py:6: ShpyWarning: what drivers can do is not kept" in done.stderr
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("variable", "value", "place"),
     [

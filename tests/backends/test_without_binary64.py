@@ -84,6 +84,7 @@ def test_the_refusal_names_the_line(backend: str, without_binary64: None) -> Non
         assert "the refused line" in source.readlines()[refused.value.loc.line - 1]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_other_modes_and_binary16_are_as_everywhere(backend: str, without_binary64: None) -> None:
     x = np.linspace(0.25, 1.25, 100, dtype=np.float32)

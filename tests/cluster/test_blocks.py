@@ -193,7 +193,7 @@ def test_stencils_have_the_bits_of_one_run(name, chunks):
         assert found[stream].compute().tobytes() == wanted[stream].numpy().tobytes()
 
 
-@pytest.mark.sampled(15)
+@pytest.mark.sampled(30)
 @every
 @pytest.mark.parametrize("chunks", [(10, 10), (40, 31), (7, 31), (3, 4)])
 @pytest.mark.parametrize("step", [torus, tube], ids=["torus", "tube"])

@@ -103,7 +103,7 @@ def same(found, wanted):
     assert [a.tobytes() for a in found] == [np.asarray(w).tobytes() for w in wanted]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("dumps", [pickle.dumps, cloudpickle.dumps])
 @every
 def test_everything_travels_with_its_bits(tmp_path, name, dumps):

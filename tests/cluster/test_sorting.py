@@ -72,6 +72,7 @@ def test_numbers_are_in_the_order_of_one_stream(chunks, descending, kind):
     assert found.compute().tobytes() == wanted.tobytes()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("descending", [False, True])
 def test_vectors_by_a_key_are_stable(descending):
     x = (draw.standard_normal((20, 31, 3)) * 2).astype(np.float32)

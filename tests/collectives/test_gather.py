@@ -28,6 +28,7 @@ def test_many_elements(moved):
     check(moved, 11, 2, sizes=LARGE)
 
 
+@pytest.mark.sampled(2)
 def test_programs_do_the_same(by_programs):
     check(by_programs, 100, 5)
 

@@ -29,7 +29,7 @@ def check(backend, count, seed, **options):
         assert_same_bits(sh.histogram(given, edges), counted(x, edges))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 def test_bins_are_those_of_numpy(computed):
     check(computed, OFTEN, 1)
 

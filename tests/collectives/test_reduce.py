@@ -212,7 +212,7 @@ def test_sums_of_vectors_along_an_axis(backend):
         assert not differs(rows.mean(), tree(x.reshape(-1, 4), add) / np.float32(4 * n)).any(), n
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_extremes_and_where_they_stand(backend):
     for n in (1, 2, 3, 17, 33, 257):
@@ -339,7 +339,7 @@ def test_other_floats_than_the_working_one(backend, type_, word):
     assert s.sum("exact") == word(math.fsum(x.tolist()))
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize(("type_", "precision"), [(sh.Attrib2h, "f32"), (sh.Attrib2f, "f16")])
 @pytest.mark.parametrize("n", [2049, 70_001])
@@ -443,7 +443,7 @@ def by_subroutine(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return distance_or_half(a, b)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 def test_programs_may_call_subroutines_that_return_early(target):
     for n in (1, 2, 17, 1000):
         x = np.random.default_rng(n).standard_normal(n).astype(np.float32)

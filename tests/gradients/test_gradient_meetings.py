@@ -34,6 +34,7 @@ def walked(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
     return total * total
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("backend", "precision"), [("numpy", "f32"), ("opencl", "f16")])
 def test_threads_that_derive_at_once(backend: str, precision: Any) -> None:
     """Each thread records the derivative, or they share one, and all make the first call at the same time."""
@@ -187,6 +188,7 @@ def sharpen(u: sh.Table[sh.Attrib1f]) -> sh.Attrib1f:
     return sh.sqrt(u[i - 1] + u[i + 1] - u[i])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "opencl"])
 def test_the_first_nan_of_a_chain_in_the_stress_mode(backend: str) -> None:
     for seed in range(3):

@@ -26,7 +26,7 @@ def conversion(*names):
     return sh.program(convert)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", CONVERSIONS)
 def test_all_backends_give_the_same_bits(name):
     turn = CONVERSIONS.index(name)
@@ -59,7 +59,7 @@ def test_hues_are_those_of_colorsys(backend):
     np.testing.assert_allclose(turned, [(0, 0, 1), (0, 0, 1)], atol=1e-6)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @on_every_backend
 @pytest.mark.parametrize("precision", ["f32", "f16"])
 def test_srgb_is_exact_at_its_ends_and_near_the_standard_between(backend, precision):

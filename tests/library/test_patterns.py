@@ -104,7 +104,7 @@ def nearest(points, size, metric):
     return np.sort(np.linalg.norm(away, norm, axis=-1), axis=1)
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize(
     ("metric", "size", "backend"),
     [(metric, size, "numpy") for metric in METRICS for size in (1, 2, 3)]

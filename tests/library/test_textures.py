@@ -42,7 +42,7 @@ def test_all_backends_give_the_same_bits(filter, wrap):
     sh.testing.assert_equivalent(program, UV, backends=covering(FLAT.index(wrap) + FILTERS.index(filter)))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("filter", FILTERS)
 @pytest.mark.parametrize("wrap", DEEP)
 def test_all_backends_give_the_same_bits_in_space(filter, wrap):
@@ -254,6 +254,7 @@ def test_edges_of_a_cube_belong_to_the_first_axis(backend):
     assert st[[0, 4, 5]].tolist() == [[0.5, 0.5]] * 3
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("filter", ["nearest", "linear"])
 def test_all_backends_give_the_same_bits_on_a_cube(filter):
     cube = library.TextureCube(RNG.uniform(0, 1, (6, 4, 4, 3)), filter=filter, name="cube")

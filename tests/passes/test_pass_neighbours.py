@@ -192,7 +192,7 @@ def circle(t: sh.Table[sh.Attrib2f], u: sh.Table[sh.Attrib1f]):
 MODULI = (64, 1, 0, -5, 17, 2**31 - 1, -(2**31))
 
 
-@pytest.mark.sampled(9)
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("target", ["numpy", "opencl-4", "opencl-16", "opencl-64", "opencl-1", "glsl"])
 @pytest.mark.parametrize(("shape", "extents"), [((64, 64), (64, 64)), ((40, 33), (7, 90)), ((3, 4), (11, 2))])
 def test_boards_that_wrap_around_give_what_they_gave(target, shape, extents):

@@ -85,7 +85,7 @@ def cases(group):
         yield seed, random_module(seed, SIZES[seed % 3], lanes=True), [random_inputs(4 * seed + k) for k in range(4)]
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("group", range(MODULES // GROUP))
 def test_passes_keep_the_meaning(group):
     for seed, module, inputs in cases(group):
@@ -106,7 +106,7 @@ def test_passes_keep_the_meaning(group):
         assert_same(wanted, results(changed, "f32", inputs, loops), f"{seed} exits by value")
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("group", range(MODULES // GROUP))
 def test_the_pipeline_keeps_the_meaning(group):
     for seed, module, inputs in cases(group):

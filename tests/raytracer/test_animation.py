@@ -49,6 +49,7 @@ def test_another_scene_is_followed_or_built_anew():
         assert renderer.builds == builds
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("ending", "duration"), [("gif", 330), ("webp", 333)])
 def test_files_play_at_their_pace(tmp_path, ending, duration):
     source, path = tmp_path / "wave.py", tmp_path / f"wave.{ending}"

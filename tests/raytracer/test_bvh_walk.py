@@ -47,7 +47,7 @@ def rays(mesh, count=2000, seed=1):
     return origins.astype(np.float32), directions.astype(np.float32)
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_hits_are_those_of_every_triangle(name, backend):
@@ -152,7 +152,7 @@ def test_the_range_is_kept_before_and_behind_the_origin():
     assert np.all(hits.triangle[t_max <= t_min] == -1)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e6, 1e12])
 def test_scenes_of_all_sizes(scale):
     mesh = sphere(rings=10, segments=20)
@@ -176,6 +176,7 @@ def test_a_scene_far_away():
     assert (hits.t == expected.t).mean() > 0.97
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_other_precisions(precision):
     mesh = sphere(rings=10, segments=20)

@@ -41,6 +41,7 @@ def test_lengths_of_a_camera_that_no_kernel_holds_are_told(given, precision):
         render(Scene([sphere()], camera=camera), (4, 4), backend="numpy", precision=precision)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 def test_a_camera_that_no_kernel_holds_is_told(precision):
     for far in (1e30, 1e160):

@@ -57,7 +57,7 @@ def answers(name):
     return method, points, expected.contains_points(points)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("name", SHAPES)
 def test_answers_are_trimeshs(name, backend):

@@ -144,6 +144,7 @@ def test_rays_that_go_on_from_a_hit_leave_its_triangle(near):
     assert (second >= 0).mean() > 0.1
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", pytest.param("opencl", marks=pytest.mark.slow), "glsl"])
 def test_the_walk_stands_once_in_a_kernel(backend):
     near = Intersector(SCENE, backend=backend)

@@ -485,6 +485,7 @@ def test_a_file_of_an_earlier_version_is_refused(begun, tmp_path):
         Renderer(scene, integrator=integrator, **options).render((6, 5), samples=3, resume=path)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("look", "sky", "digest"),
     [(None, (0.1, 0.2, 0.3), "ffcfadd61ca7c4c9"), ({"roughness": 0.4}, PIXELS, "6c789d04bfc41621")],

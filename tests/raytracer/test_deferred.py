@@ -162,6 +162,7 @@ def test_samples_follow_the_data_of_their_programs():
     assert renderer.builds == 1
 
 
+@pytest.mark.slow
 def test_only_samples_of_objects_that_move_are_shaded_anew(monkeypatch):
     made = scene(ball=Material(surface=striped))
     renderer = Renderer(made, accel="ldc:64:triangle:deferred", backend="numpy", bounces=2)

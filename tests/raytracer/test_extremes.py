@@ -37,7 +37,7 @@ def standing_at(mesh, offset):
     return Mesh(f32(mesh.vertices * (100 if max(map(abs, offset)) > 1e5 else 1) + np.array(offset)), mesh.faces)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("accel", ["bvh", "grid"])
 @pytest.mark.parametrize("name", CLOSED)
 def test_no_ray_leaves_a_closed_mesh(name, accel):
@@ -192,7 +192,7 @@ def test_what_is_no_triangle_or_no_number_is_missed(backend):
     np.testing.assert_array_equal(found["bvh"].t, found["brute"].t)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("accel", ["bvh", "grid"])
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_rays_that_are_no_rays_miss(backend, accel):
@@ -310,7 +310,7 @@ def unit(vectors):
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize(("accel", "distance"), [("bvh", 0), ("bvh", 1e3), ("bvh", 1e6), ("grid", 0), ("grid", 1e4)])
 @pytest.mark.parametrize("name", CLOSED)
 def test_no_ray_hits_the_triangle_that_it_starts_from(name, distance, accel):

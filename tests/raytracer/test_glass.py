@@ -40,7 +40,7 @@ def before(material, *, camera=None, walls=((8, RED), (-8, GREEN)), bounces=8, s
     return render(scene, size, backend="numpy", bounces=bounces, **changes).pixels
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("ior", [1.1, 1.5, 2.42, 0.75])
 def test_fresnel_at_normal_incidence(ior):
     share = ((ior - 1) / (ior + 1)) ** 2
@@ -116,7 +116,7 @@ def test_light_is_absorbed_on_its_way():
     np.testing.assert_allclose(found, np.broadcast_to(np.exp([-0.2, -1.0, -4.0]), found.shape), rtol=1e-5)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("light", [DirectionalLight((0, 0, -1)), PointLight((0, 0, 600))])
 @pytest.mark.parametrize("count", [1, 3])
 def test_shadows_of_glass_are_tinted(light, count):

@@ -162,6 +162,7 @@ def test_all_frames_are_in_the_picture(tmp_path):
     assert [len(scene.meshes) for scene in scenes] == [2] * 5
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("last", [600, 1e30])
 def test_an_animation_of_any_length_is_framed_soon(tmp_path, last):
     """As a stranger's file may write milliseconds; each of its frames was looked at."""

@@ -67,6 +67,7 @@ def test_transforms_of_textures(transform, expected, tmp_path):
     np.testing.assert_allclose(moved_square(tmp_path, **transform), expected[np.reshape(HALVES, (2, 3))], atol=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("quarters", "color"), [(0, [0, 1, 0]), (1, [0, 0, 1])])
 def test_a_picture_whose_coordinates_are_rotated(tmp_path, quarters, color):
     """About the middle: the right half is green; after a quarter it is the picture's upper half, which is blue."""

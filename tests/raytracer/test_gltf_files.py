@@ -42,6 +42,7 @@ def colors_of(scene, backend="numpy", size=(16, 16)):
     return render(still, size, backend=backend, bounces=0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
 def test_a_picture_on_a_square(tmp_path, suffix):
     """Picture times factor times vertex colours, each texel where it belongs."""

@@ -105,6 +105,7 @@ MAY_BE_UNUSED = KINDS.keys() - {"node cannot be read", "camera cannot be read", 
 """Bad entries of meshes that no node of the scene shows are not read."""
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("bad", [False, True])
 def test_generated_files_are_read_as_they_were_made(tmp_path, bad):
     assert sum(check(seed, tmp_path, bad=bad) for seed in range(30)) > 20

@@ -109,6 +109,7 @@ def test_many_samples_in_few_texels(resolution):
     assert np.median(abs(t[both] - expected[both])) < 2e-3
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("hit", "most"), [("plane", 0.01), ("sample", 0.2)])
 def test_hits_are_nearly_as_exact_as_with_binary32(hit, most):
     origins, directions = rays(20_000)

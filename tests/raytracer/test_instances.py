@@ -216,6 +216,7 @@ def test_what_cannot_share_triangles_says_so():
         Staged(accel="instances")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", *(pytest.param(name, marks=pytest.mark.slow) for name in BACKENDS[1:])])
 def test_glass_stands_on_instances_and_holds_them(backend, monkeypatch):
     """Each body of glass has triangles of its own; the ray in it meets instances inside, and the one below it."""

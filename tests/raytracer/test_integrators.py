@@ -18,7 +18,7 @@ BACKENDS = ("numpy", "opencl", "glsl")
 SCENE = Scene([box(), floor(4)], [PointLight((2, 4, 3))], name="box")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("value", "keywords"),
     [

@@ -47,7 +47,7 @@ def rays(mesh, count, seed=1):
     return origins.astype(np.float32), directions
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("conservative", [False, True])
 def test_every_backend_gives_the_same_samples(conservative):
     numpy, *others = (LayeredCube.of(KNOT, 24, 8, backend, conservative=conservative) for backend in BACKENDS)
@@ -141,7 +141,7 @@ def test_surfaces_stay_close_to_their_samples_within_a_texel():
     assert np.all(np.abs(slopes).sum(axis=1) / 2 <= slack[image])
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", MESHES)
 def test_hits_of_triangles_are_those_of_the_hierarchy(name):
     """With conservative rasterisation none is missed, at any resolution, to the bit."""
@@ -220,6 +220,7 @@ def test_a_ray_beside_a_surface_hits_its_samples_up_to_the_tolerance(height):
     assert (hits.triangle[2 * len(inside) :] == -1).all()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("hit", ["sample", "plane"])
 def test_approximate_hits_come_nearer_with_the_resolution(hit):
     origins, directions = (part[1::3] for part in rays(CLOSED["ball"], 9000))
@@ -435,7 +436,7 @@ def test_a_million_hits_are_those_of_the_hierarchy(name):
         same_arrays(Intersector(mesh, f"ldc:{resolution}:triangle", "opencl").intersect(origins, directions), exact)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_floor_that_is_far_larger_takes_no_texels(backend):
     """The floor's hits are exact, those of the mesh are found as without it, and either hides the other."""

@@ -104,6 +104,7 @@ def test_a_white_matt_ball_shows_the_mean_above_each_normal():
         np.testing.assert_allclose(image.pixels[seen], expected, atol=0.002 * factor)
 
 
+@pytest.mark.slow
 def test_a_white_furnace_gives_at_most_its_light():
     """A picture of even light is a table, a colour is not: both give the albedo."""
     brushed = MetallicRoughness((1, 1, 1), 1, 0.6, anisotropy=0.7, multiscatter=True, clearcoat=0.5)
@@ -133,7 +134,7 @@ def test_balls_in_the_open_resemble_their_path_traced_pictures():
         assert np.sqrt((difference**2).mean()) < bound
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("clear", [False, True])
 def test_backends_and_tracers_agree_to_the_bit(clear):
     meshes = [*METALS, *(CLEAR if clear else ()), floor(4, Material((0.5, 0.5, 0.5))).moved((0, -0.5, 0))]

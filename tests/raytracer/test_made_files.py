@@ -89,7 +89,7 @@ def compare_with_trimesh(path, made):
         assert found.area == pytest.approx(made.area, rel=1e-4)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("part", range(4))
 def test_files_made_by_chance_are_read_rightly(tmp_path, part):
     for seed in range(part, QUICK, len(MAKERS)):

@@ -203,6 +203,7 @@ def test_a_pane_of_alpha_a_tenth_casts_a_tenth_of_a_shadow(name):
             np.testing.assert_allclose(pixel / bare, share, rtol=2e-2 if sampled else 1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["directional", *(pytest.param(name, marks=pytest.mark.slow) for name in ("area", "point"))]
 )
@@ -229,6 +230,7 @@ def test_an_eye_in_a_body_sees_it(aperture):
         np.testing.assert_allclose(found.mean(axis=(0, 1)), np.exp(-3 * A), rtol=2e-2)
 
 
+@pytest.mark.slow
 def test_bodies_move():
     """A lamp seen through a body that comes, touches another one, and goes; the pictures are those of a new scene."""
     outer, inner = (
@@ -324,7 +326,7 @@ def check(seed, count, name, backend):
     np.testing.assert_allclose(found, expected, rtol=5e-4, atol=1e-6)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", [BACKENDS[0], *EVERY])
 @pytest.mark.parametrize("name", INTEGRATORS)
 def test_light_along_a_column_is_a_product(name, backend):

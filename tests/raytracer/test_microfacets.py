@@ -184,7 +184,7 @@ def check_gains_nothing(colors):
     assert (colors.mean(axis=0) <= 1 + 3 * error_of(colors) + 1e-6).all(), colors.mean(axis=0)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("roughness", "albedo"), [(0.2, 0.996), (0.5, 0.882), (0.7, 0.707), (1.0, 0.409)])
 def test_a_white_metal_has_the_albedo_of_ggx(roughness, albedo):
     x = (np.arange(256) + 0.5) / 256  # the mean over the ball's disc: 2 mu d mu

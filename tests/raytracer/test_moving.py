@@ -88,7 +88,7 @@ def test_moved_objects_are_where_a_new_scene_has_them(backend, options, moves):
     assert renderer.builds == 3, "at first, and at the first move of each object"
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_deformed_objects_look_as_a_new_scene_has_them(backend):
     made = scene()
@@ -349,6 +349,7 @@ def hard_triangles():
     return vertices.astype(np.float32).astype(np.float64), rng.integers(0, 600, (2000, 3))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "opencl"])
 def test_the_kernel_computes_the_tables_that_numpy_does(backend):
     vertices, faces = hard_triangles()

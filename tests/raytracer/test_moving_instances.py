@@ -75,6 +75,7 @@ def assert_same(one, other):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "backend"),
     [
@@ -149,6 +150,7 @@ def test_other_changes_lay_the_scene_out_anew_in_two_levels(change):
     assert renderer.layout.instanced is not None
 
 
+@pytest.mark.slow
 def test_instances_move_into_glass_and_out_of_it():
     glass = sphere(0.7, Material((0.9, 1, 0.95), transmission=0.9, ior=1.4), rings=6, segments=9)
     scene = scene_of(meshes=(STONE,))

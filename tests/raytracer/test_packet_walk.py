@@ -92,6 +92,7 @@ def test_boxes_that_are_not_there_are_not_met():
     np.testing.assert_array_equal(hits.t, np.ones(16))
 
 
+@pytest.mark.slow
 def test_queries_of_alike_rays_walk_so():
     mesh = SCENES["knot"]
     across, down = np.meshgrid(np.linspace(-0.25, 0.25, 200), np.linspace(-0.25, 0.25, 8))

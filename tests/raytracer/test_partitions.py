@@ -114,6 +114,7 @@ def test_parts_of_layered_materials_and_coloured_mirrors_make_the_same_picture(c
     same(render(scene, (18, 13), cluster=client, partitions=3, **options), whole)
 
 
+@pytest.mark.slow
 def test_a_gltf_file_is_rendered_in_parts(client, tmp_path):
     scene = Scene.load(textured().save(tmp_path / "tiles.glb"))
     options = {"integrator": Whitted(bounces=1), "backend": "numpy"}

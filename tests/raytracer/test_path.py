@@ -89,6 +89,7 @@ def test_white_furnace_of_a_box_that_is_open():
         assert abs(values.mean() - expected) < 4 * values.std() / 64 + 0.01 * expected  # the rest is beyond 64 bounces
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shininess", [0, 20])
 def test_a_glossy_surface_seen_from_above_loses_nothing(shininess):
     shiny = Material((0, 0, 0), diffuse=0, specular=0.75, shininess=shininess)

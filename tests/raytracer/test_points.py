@@ -137,6 +137,7 @@ def test_clamp_bounds_what_more_than_one_surface_has_scattered():
     )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("ior", "brightest"), [(1.0, 9.0), (1.5, 0.5)])
 def test_clamp_counts_what_refracts_light_and_nothing_that_it_goes_straight_through(ior, brightest):
     """A lamp is as bright as it is behind a pane of index 1, and bounded behind one of glass, which scatters twice."""

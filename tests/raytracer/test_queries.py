@@ -27,7 +27,7 @@ def rays(count, seed=1):
     return origins.astype(np.float32), (rng.normal(size=(count, 3)) - origins / 2).astype(np.float32)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_all_hits_are_those_of_brute_force_in_order(name, backend):
@@ -433,7 +433,7 @@ def turned(angle, offset, scale=1.0):
     return matrix
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("accel", ["bvh", "grid", "ldc:64:triangle"])
 def test_a_moved_mesh_is_hit_where_it_stands(accel):
     mesh, rng = knot(segments=60, sides=10), np.random.default_rng(3)
@@ -478,7 +478,7 @@ def test_a_move_that_is_not_rigid_is_refused():
         shoot.move(np.eye(3))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("accel", ["bvh", "grid", "brute", "ldc:64"])
 def test_a_query_for_any_hit_ends_at_the_first_one(accel):
     shoot = Intersector(SOUP, accel=accel, backend="numpy")

@@ -188,6 +188,7 @@ def test_the_mode_of_arithmetic_is_an_option(tmp_path, capsys):
     assert "leave out --math" in capsys.readouterr().err
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["boxes", "mirror-box"])
 def test_the_commands_of_the_gallery_draw_its_pictures(name, tmp_path, monkeypatch, capsys):
     """Cameras, backgrounds and exposures are those of docs/gallery/README.md."""

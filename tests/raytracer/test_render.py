@@ -69,7 +69,7 @@ def test_boxes_is_the_oracles(backend):
     near(image.pixels, oracles(SCENES["boxes"], 64, 64, 3))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize(
     "changes",
     [
@@ -102,7 +102,7 @@ def test_backends_agree_about_materials_to_the_last_bit():
     agree(SCENES["materials"])
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("scene", [small, *(scene for name, scene in SCENES.items() if name != "materials")])
 def test_backends_agree_to_the_last_bit(scene):
     agree(scene)
@@ -301,7 +301,7 @@ def test_cameras_that_see_nothing(wrong):
         Camera(**({"position": (0, 0, 5)} | wrong))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("length", [1e-20, 0.01, 100.0, 1e20])
 def test_normals_of_any_length_give_the_same_light(length):
     """As those of a node that is scaled in a GLB file."""

@@ -112,6 +112,7 @@ OTHER_CODE = {
 }
 
 
+@pytest.mark.slow
 def test_numbers_that_ask_for_other_code_build_anew():
     renderer = Renderer(plain(), backend="numpy")
     for builds, (what, numbers) in enumerate(OTHER_CODE.items(), 2):

@@ -47,7 +47,7 @@ def test_every_backend_has_the_same_bits(integrator):
     same_everywhere(bodies(**lights), (12, 8), integrator=integrator)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "integrator",
     [Whitted(bounces=4, min_contribution=2.0**-16), Path(samples=4, bounces=5)],  # by default least shares differ
@@ -66,7 +66,7 @@ def test_a_smooth_body_is_glass_of_phongs_model(integrator, ior):
     np.testing.assert_allclose(images[0].pixels, images[1].pixels, rtol=2e-4, atol=2e-5)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("integrator", [Whitted(bounces=4), Path(samples=4, bounces=5)], ids=["Whitted", "Path"])
 @pytest.mark.parametrize("roughness", [0.0, 0.5])
 def test_a_slab_of_index_1_absorbs_and_tints_by_the_closed_form(integrator, roughness):

@@ -34,7 +34,7 @@ SATIN = MetallicRoughness(
 )
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("roughness", [0.5, 0.8, 1.0])
 @pytest.mark.parametrize("degrees", [20, 75])
 def test_fibres_over_black_have_the_albedo_of_their_integral(roughness, degrees):

@@ -77,6 +77,7 @@ def test_a_mirror_shows_the_mirrored_direction(integrator):
     np.testing.assert_allclose(image.pixels, expected, atol=0.03 if isinstance(integrator, Path) else 1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", [Whitted(), Path(samples=1)], ids=lambda i: type(i).__name__)
 def test_a_pane_shows_what_is_behind_it(integrator):
     camera = Camera((0, 0, 3), (0, 0, 0), fov=20)

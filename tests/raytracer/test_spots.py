@@ -52,7 +52,7 @@ def expected_light(light, aside=0.0):
     return (level * cosine)[..., None] * light.color
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "light",
     [

@@ -38,7 +38,7 @@ def test_built_in_scenes(scene):
     same(render(scene, (16, 12), backend="numpy", bounces=1, tracer="staged", grid=20), unified)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "changes",
     [

@@ -160,6 +160,7 @@ def late(hit: Hit) -> Surface:
     return Surface(color=color)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("surface", [early, sh.subroutine(early)])
 def test_a_surface_that_returns_early_names_ways_that_work(surface):
     with pytest.raises(SceneError, match=r"early \(test_.*SH_RETURN: store .* color\[:\] = .* or make it an sh.Pro"):

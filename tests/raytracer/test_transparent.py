@@ -39,7 +39,7 @@ def named(integrator):
     return f"{type(integrator).__name__} {integrator.samples}"
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=named)
 def test_light_over_a_background_is_the_opaque_picture(integrator):
     """Premultiplied colours plus the background times (1 - alpha) are the picture with the background."""

@@ -178,6 +178,7 @@ def test_exposure_doubles_the_light(quad):
     assert pixels == [[137, 89, 0], [188, 124, 0]]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", ["whitted", "path"])
 def test_an_environment_takes_the_place_of_the_two_lights(integrator, quad):
     options = ("--integrator", integrator, "--samples", "4", "--environment", "sky.png", "--no-floor")

@@ -84,7 +84,7 @@ def used_again(name):
 # How long it stays
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @every
 @pytest.mark.parametrize("part", ["result", "replaced", "wrapped again", "copy"])
 def test_memory_of_native_stays_as_long_as_somebody_holds_it(name, part):

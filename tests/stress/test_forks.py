@@ -46,7 +46,7 @@ def check(seed, times, *backends):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("backends", [("numpy",), ("opencl",), ("glsl",), ("numpy", "opencl", "glsl")])
 def test_children_end(backends):
     check(1, 8, *backends)

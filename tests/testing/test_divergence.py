@@ -137,6 +137,7 @@ def test_elements_that_end_otherwise_are_found(monkeypatch):
     assert (found.first, found.second) == (False, True)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_other_precisions(monkeypatch, precision):
     with_fault(monkeypatch, "numpy", op("floor", "ceil"))

@@ -24,6 +24,7 @@ COMMANDS = {
     "mypy": ["mypy", "--no-error-summary"],  # with our configuration, so that it reads what the check of types keeps
     "pyright": ["pyright", "--pythonpath", sys.executable],
 }
+CHECKERS = pytest.mark.parametrize("checker", ["mypy", pytest.param("pyright", marks=pytest.mark.slow)])
 
 
 @cache
@@ -41,16 +42,14 @@ def found(checker: str) -> dict[str, dict[int, str]]:
     return errors
 
 
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("checker", COMMANDS)
+@CHECKERS
 def test_a_script_of_every_feature_is_accepted(checker: str) -> None:
     errors = found(checker)
     assert errors["accepted.py"] == {}
     assert set(errors) == {"accepted.py", "mistakes.py", "meetings.py"}
 
 
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("checker", COMMANDS)
+@CHECKERS
 def test_every_mistake_is_found_and_nothing_else(checker: str) -> None:
     lines = (HERE / "mistakes.py").read_text().splitlines()
     mistakes = {number for number, line in enumerate(lines, 1) if line.endswith("# mistake")}
@@ -91,7 +90,7 @@ def written_meetings(folder: Path) -> Path:
     return file
 
 
-@pytest.mark.parametrize("checker", COMMANDS)
+@CHECKERS
 def test_numbers_of_two_types_meet_in_the_type_that_runs_have(checker: str) -> None:
     assert found(checker)["meetings.py"] == {}
 

@@ -20,7 +20,7 @@ def test_the_examples_have_chains():
     assert SHOWN == ["gray_scott", "life"]
 
 
-@pytest.mark.sampled(16)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*SHOWN, *CHAINS])
 def test_a_chain_shows_a_hundred_frames_and_no_error(browser, tmp_path, name):
     path = EXAMPLES / f"{name}.py"
