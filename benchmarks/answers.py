@@ -31,6 +31,8 @@ CHAINS: Final = ("jacobi", "particles")
 COLLECTIVES: Final = ("sum", "scan", "compact", "sort")
 GROWTH: Final = ("pixels", "bounces", "lights")
 MITSUBA: Final = "Mitsuba 3 (llvm_ad_rgb)"
+OTHER_OPTIONS: Final = (f"{OURS}, fused", f"{OURS}, relaxed", f"{OURS}, lanes=1")
+"""Contenders that the page shows for kernels alone."""
 
 Rows = list[list[str]]
 
@@ -115,30 +117,29 @@ def drop_superseded(folder: Path) -> None:
 
 PREFACE: Final = """\
 `python -m benchmarks` measures all of this on your machine and `--only NAMES` a part; `scripts/setup bench` installs
-those that we compare with. `python -m benchmarks --write --mesh bunny.obj` measures this page anew on a machine without
-other work, and `--only NAMES --write` a part of it. `benchmarks/results` has the rounds and the other columns:
-quartiles, best calls, CPU time, and how far answers differ.
+those that we compare with. With `--write --mesh bunny.obj` it measures this page anew, on a machine without other work.
+`benchmarks/results` has the rounds and the other columns: quartiles, best calls, CPU time, and how far answers differ.
 
 Contenders take turns, round after round, {processes}. Unless a table says otherwise, a number is the median over
 the rounds of a contender's time as a multiple of ours in the same round, so **2.0 takes twice as long as ours**. Time
 begins with arrays in the host's memory and ends with an array there. Contenders compute in binary32 on all cores, but
 numpy and Warp use one core. shpy runs in strict mode unless a row names another, so its bits are the same on
-all backends; Warp rounds as written, too. numba, Taichi, Dr.Jit and JAX may fuse and reorder arithmetic. A plain call
-is timed when three seconds of calls have passed, in which its backend settles."""
+all backends; Warp rounds as written, too. numba, Taichi, Dr.Jit and JAX may fuse and reorder arithmetic. Three seconds
+of plain calls settle their backend first."""
 
 
 STRICT: Final = """\
 Two rows show the price of strict mode's roundings. It rounds each product and each sum of the polynomial, 62 operations
 for the 31 of contenders that fuse them; OpenCL C by hand with the same roundings is no faster. A pair of bodies takes
-31 operations, since 1 / sqrt(x) is rounded correctly by 13 of them, and about 17 where products fuse with sums and the
-root is within a unit in the last place."""
+31 operations, 13 of them for a correctly rounded 1 / sqrt(x), and about 17 where products fuse with sums."""
 
 
 def page(results: Results) -> str:
     """Return the page; sections whose tables are not all measured are named at its end."""
     apart = all(run.get("apart") for run in results.runs.values())
     preface = PREFACE.format(processes="peers in processes of their own" if apart else "in one process")
-    parts: list[str | Rows] = ["# Benchmarks", *preface.split("\n\n"), *sources(results)]
+    preface = " ".join([preface, *sources(results)])
+    parts: list[str | Rows] = ["# Benchmarks", *preface.split("\n\n")]
     lacking = []
     for write in (kernels, rays, paths, features, chains, calls, starts):
         try:
@@ -165,7 +166,7 @@ def section(title: str, results: Results, *names: str) -> list[str | Rows]:
 
 def sources(results: Results) -> list[str]:
     """Return a sentence on the runs that have no rounds in the tree."""
-    return [f"Taken over from {text}." for text in {run.get("source") for run in results.runs.values()} - {None}]
+    return [f"Older figures are from {text}." for text in {run.get("source") for run in results.runs.values()} - {None}]
 
 
 def kernels(results: Results) -> list[str | Rows]:
@@ -186,7 +187,7 @@ def rays(results: Results) -> list[str | Rows]:
         f"Rays meet {mesh.replace('stanford-bunny', 'the Stanford bunny')}: a million coherent ones from the eye, a "
         "quarter of a million incoherent ones from its surface, the closest hit or any. Frames show it on a mirror, at "
         "256 and 1,024 pixels along each side. Below, million rays a second, closest hit; and milliseconds of a frame.",
-        results.times((*RAYS, *FRAMES), mean=False),
+        [row for row in results.times((*RAYS, *FRAMES), mean=False) if row[0] not in OTHER_OPTIONS],
         [results.table("triangles")["head"], *results.part("triangles")],
         "\n".join(growth(results, name) for name in GROWTH),
     ]
@@ -227,7 +228,7 @@ def chains(results: Results) -> list[str | Rows]:
         results.times(CHAINS, mean=False),
         results.times(COLLECTIVES, mean=False),
     ]
-    labels = dict.fromkeys(row[0] for side in sides for row in side)
+    labels = dict.fromkeys(row[0] for side in sides for row in side if row[0] not in OTHER_OPTIONS)
     cells = [({row[0]: row[1:] for row in side}, [""] * (len(side[0]) - 1)) for side in sides]
     return [
         *section("What do chains and collective operations cost?", results, *CHAINS, *COLLECTIVES),

@@ -303,7 +303,7 @@ def test_scattered_rays_walk_alone_among_many_triangles(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("widths", [(1, 16), pytest.param((4, 8), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("widths", [(1, 16), (4, 8)])
 def test_lanes_give_the_same_bits(widths):
     renderer = Renderer(everything(), backend="numpy", integrator="path", bounces=3)
     renderer.render((4, 3), samples=1)
@@ -487,9 +487,8 @@ def test_the_command_continues_a_picture(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_the_command_writes_what_there_is_after_an_interruption(tmp_path, capsys, monkeypatch):
-    path = tmp_path / "a.npy"
+    path, passes = tmp_path / "a.npy", Renderer.passes
     line = ["render", "cornell", "--integrator", "path", "--size", "4x4", "--bounces", "1", "--backend", "numpy"]
-    passes = Renderer.passes
 
     def stopped(*given, **options):
         yield next(passes(*given, **options))
