@@ -201,7 +201,7 @@ class PacketPrologue(Prologue):
         return max((n for n in widths if n <= self.lanes), default=0)
 
     def _parts(self, length: int) -> list[str]:
-        """Return the selectors of a packet's parts of so many lanes: ".lo" and ".hi", or "" for all of it."""
+        """Return the selectors of a packet's parts of `length` lanes each: ".lo" and ".hi", or "" for all of it."""
         parts = [""]
         while len(parts) * length < self.lanes:
             parts = [f"{part}.{half}" for part in parts for half in ("lo", "hi")]
