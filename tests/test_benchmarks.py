@@ -263,8 +263,8 @@ def test_a_run_that_is_stopped_says_where_its_results_are(monkeypatch, tmp_path,
     assert command.main([*WORDS, "--write", str(tmp_path)]) == 130
     (path,) = tmp_path.iterdir()
     assert path.name == "mandelbrot-lights-calls.json.unfinished"
-    said = f"benchmarks: stopped; results so far: {path} (to use them, drop .unfinished from the name)\n"
-    assert capsys.readouterr().err == said
+    message = f"benchmarks: stopped; results so far: {path} (to use them, drop .unfinished from the name)\n"
+    assert capsys.readouterr().err == message
     path.rename(path.with_suffix(""))
     assert answers.Results.read(tmp_path).cell("mandelbrot", "shpy, numpy", "ratio") == "1.00"
     assert command.main(["--only", "lights", "--peers", "none", "--json", str(tmp_path / "a.json")]) == 130

@@ -79,10 +79,12 @@ def test_sorted_and_stable_at_length(moved):
 def test_the_digits_of_devices_with_small_caches_or_stacks(monkeypatch):
     rng = np.random.default_rng(7)
     bits = rng.integers(0, 2**32, 140_001, np.uint32)
-    given = stream(bits, sh.Attrib1u, "opencl")  # the space of the other tests is opened with the digits of this device
+    unsorted = stream(
+        bits, sh.Attrib1u, "opencl"
+    )  # the space of the other tests is opened with the digits of this device
     monkeypatch.setattr(opencl, "thread_stack", lambda: 1 << 16)
-    own = opencl.collectives(given.place.space)
-    memory = given.leaf_entries()[0].memory
+    own = opencl.collectives(unsorted.place.space)
+    memory = unsorted.leaf_entries()[0].memory
     assert_same_bits(own.sort(memory, False).read(), np.sort(bits))
     assert_same_bits(own.order(memory, True, None).read(), order_of(bits, True).astype(np.int32))
 

@@ -95,9 +95,9 @@ def test_powers_of_two_times_a_number_that_was_an_int(m: int, n: int, vector: bo
     def scaled(i: kind) -> sh.Attrib2f if vector else sh.Attrib1f:
         return (sh.Attrib2f if vector else sh.Attrib1f)(i) * 2.0**m * 2.0**n
 
-    given = np.stack([INTS, INTS[::-1]], axis=-1) if vector else INTS
-    expected = given.astype(np.float32) * np.float32(2.0**m) * np.float32(2.0**n)
-    np.testing.assert_array_equal(scaled.compile("numpy")(given), expected)
+    ints = np.stack([INTS, INTS[::-1]], axis=-1) if vector else INTS
+    expected = ints.astype(np.float32) * np.float32(2.0**m) * np.float32(2.0**n)
+    np.testing.assert_array_equal(scaled.compile("numpy")(ints), expected)
     module = prepare(scaled.ir, Options(), Target("numpy")).module
     products = [s for f in module.functions for s in walk(f.body) if isinstance(s, Let) and s.op == "mul"]
     assert len(products) == (2 if m == -40 else 1)

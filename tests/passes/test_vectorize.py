@@ -144,11 +144,11 @@ def test_the_uniform_part_of_a_test_decides_a_branch_by_itself():
         loop.until(p.b.let("or", greater, last))
     p.b.store(p.result, p.b.load(z))
     for padded in (False, True):
-        made = p.vectorised(padded)
-        alone = [s.args[0] for s in made.ops("or") if s.value.id in made.conditions()]
+        vectors = p.vectorised(padded)
+        alone = [s.args[0] for s in vectors.ops("or") if s.value.id in vectors.conditions()]
         assert alone == [last.id] * padded
         for x, expected in ((0.25, 2.25), (3.0, 6.0), (np.nan, np.nan)):
-            outputs, _ = Interpreter(made.vector.module, loop_limit=None).run_element([np.float32(x), np.int32(0)])
+            outputs, _ = Interpreter(vectors.vector.module, loop_limit=None).run_element([np.float32(x), np.int32(0)])
             np.testing.assert_array_equal(outputs[0], np.float32(expected))
 
 
