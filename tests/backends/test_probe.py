@@ -414,10 +414,12 @@ def test_a_process_that_ended_by_a_trial_is_the_last_to_try_itself(tmp_path, mon
 
 def test_a_compiler_that_refuses_all_trials_at_once_is_asked_for_each(tmp_path, monkeypatch):
     monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
+    whole = machine_of(None)._succeeded  # without AVX-512, two of the trials fail
     asked = counted(monkeypatch)
     broken = {**TRIALS, "reduce": trial.Trial("int8", "a[0] = no_such_function(a[0]);", (1,), (2,))}
     monkeypatch.setattr(device, "TRIALS", broken)
-    assert device.Machine(machine_of(None).device)._succeeded == TRIALS.keys() - {"reduce"}
+    assert "reduce" in whole
+    assert device.Machine(machine_of(None).device)._succeeded == whole - {"reduce"}
     assert asked == [list(broken)]
 
 
