@@ -12,12 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from _pytest.mark import deselect_by_keyword
 from hypothesis import settings
 from stress.mode import stressed
 
 from shpy.backend.device import store
 from shpy.backend.glsl.device.context import open_context
-from shpy.backend.opencl.device.driver import Machine, machine_of
+from shpy.backend.opencl.device.driver import Machine, _listed, machine_of
 from shpy.backend.opencl.device.trial import DECLARES
 from shpy.errors import BackendUnavailable
 
@@ -66,12 +67,18 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """Collect tests without looking for garbage, which took a tenth of the time."""
+    """Collect tests without looking for garbage, which took a tenth of the time.
+
+    Modules of tests open no driver: where there is none, their tests fail, and all others run.
+    """
     gc.disable()
     try:
-        return (yield)
+        result = yield
     finally:
         gc.enable()
+    if len(_listed):
+        raise pytest.UsageError("a module of tests opens OpenCL as it is imported: open it in a test or a fixture")
+    return result
 
 
 @pytest.hookimpl(wrapper=True)
@@ -91,10 +98,15 @@ def pytest_generate_tests(metafunc):
         for case in cases:
             if id(case) not in chosen and not _is_slow(case):
                 case.marks.append(pytest.mark.slow.mark)
-    if metafunc.config.option.markexpr == "not slow" and not any("::" in name for name in metafunc.config.args):
+    if metafunc.config.option.markexpr == "not slow" and not _names_tests(metafunc.config):
         # The first case stays, slow or not: without any, pytest would make an item without parameters.
         cases[1:] = [case for case in cases[1:] if slow is None and not _is_slow(case)]
     return result
+
+
+def _names_tests(config):
+    """Return whether the command line names tests, and not files alone."""
+    return bool(config.option.keyword) or any("::" in name for name in config.args)
 
 
 def _is_slow(case):
@@ -114,9 +126,14 @@ def _sample(cases, count, test):
     return chosen
 
 
-def pytest_collection_modifyitems(items):
-    """Run the longest files first: no worker is left alone with one."""
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    """Run the longest files first: no worker is left alone with one. Slow tests run where no others are named."""
     items.sort(key=lambda item: item.path.stem not in LONGEST)
+    if config.option.markexpr == "not slow" and _names_tests(config):
+        deselect_by_keyword(items, config)
+        if all(item.get_closest_marker("slow") for item in items):
+            config.option.markexpr = ""
 
 
 class Snapshots:

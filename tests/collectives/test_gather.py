@@ -96,10 +96,11 @@ def test_halves_and_doubles():
         ([1, 2], [0.5], "index takes ints, not float64"),
         ([1, 2], [[0], [0, 1]], "index is not an array: setting an array element with a sequence"),
         ([], [0], "gather from a stream without elements"),
-        ([1, 2], sh.Stream([0.0], sh.Attrib1f, "numpy"), "index is <Stream (1,) of Attrib1f on numpy>"),
-        ([1, 2], sh.Stream([0], sh.Attrib1i, "opencl"), "stream.to('numpy')"),
+        ([1, 2], lambda: sh.Stream([0.0], sh.Attrib1f, "numpy"), "index is <Stream (1,) of Attrib1f on numpy>"),
+        ([1, 2], lambda: sh.Stream([0], sh.Attrib1i, "opencl"), "stream.to('numpy')"),
     ],
 )
 def test_indices_that_do_not_fit(x, index, message):
+    index = index() if callable(index) else index
     with pytest.raises(sh.ShpyTypeError, match=re.escape(message)):
         sh.gather(stream(np.float32(x), sh.Attrib1f, "numpy"), index)

@@ -211,11 +211,12 @@ def test_indices_may_be_unsigned_and_of_several_axes(moved):
         ({"index": [0], "shape": 4}, "index has the shape (1,), and the values (3,)"),
         ({"shape": 4, "combine": joined}, "joined"),
         ({"shape": 4, "combine": max}, "sh.scatter takes a program of two elements"),
-        ({"shape": 4, "out": sh.Stream.empty(5, sh.Attrib1f, "numpy")}, "not Attrib1f of shape (4,)"),
-        ({"out": sh.Stream.empty(5, sh.Attrib1i, "numpy")}, "out is <Stream (5,) of Attrib1i on numpy>"),
-        ({"out": sh.Stream.empty(5, sh.Attrib1f, "opencl")}, "stream.to('numpy')"),
+        ({"shape": 4, "out": (sh.Attrib1f, "numpy")}, "not Attrib1f of shape (4,)"),
+        ({"out": (sh.Attrib1i, "numpy")}, "out is <Stream (5,) of Attrib1i on numpy>"),
+        ({"out": (sh.Attrib1f, "opencl")}, "stream.to('numpy')"),
     ],
 )
 def test_arguments_that_do_not_fit(options, message):
+    out = {"out": sh.Stream.empty(5, *options["out"])} if "out" in options else {}
     with pytest.raises(sh.ShpyTypeError, match=re.escape(message)):
-        sh.scatter(stream([1, 2, 3], sh.Attrib1f, "numpy"), **{"index": [0, 1, 2], **options})
+        sh.scatter(stream([1, 2, 3], sh.Attrib1f, "numpy"), **{"index": [0, 1, 2], **options, **out})
