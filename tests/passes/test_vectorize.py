@@ -38,9 +38,9 @@ class Program:
         return self.b.const(I, [value])
 
     def slot(self, name, value):
-        made = self.b.variable(value.type, name=name)
-        self.b.store(made, value)
-        return made
+        variable = self.b.variable(value.type, name=name)
+        self.b.store(variable, value)
+        return variable
 
     def add(self, slot, value):
         self.b.store(slot, self.b.let("add", self.b.load(slot), value))
@@ -76,9 +76,9 @@ class Vectorised:
 
     def selects_into(self, name):
         """Count the stores into the slot that choose between the new and the old value."""
-        made = {s.value.id: s for s in self.ops("cond")}
-        slots = {slot for slot, known in self.names.items() if known == name}
-        return sum(isinstance(s, Store) and s.variable in slots and s.value in made for s in self.statements)
+        selected = {s.value.id for s in self.ops("cond")}
+        slots = {slot for slot, other in self.names.items() if other == name}
+        return sum(isinstance(s, Store) and s.variable in slots and s.value in selected for s in self.statements)
 
     def conditions(self):
         return {s.condition for s in self.statements if isinstance(s, If)}
@@ -87,10 +87,10 @@ class Vectorised:
 def test_every_condition_is_uniform_afterwards():
     for seed in range(60):
         module = random_module(seed)
-        made = vectorize(prepare(module, Options(loop_limit=LOOP_LIMIT), VECTOR).module)
-        verify(made.module)
-        for function in made.module.functions:
-            varying = made.facts[function.name].varying if not function.pure else ()
+        vectors = vectorize(prepare(module, Options(loop_limit=LOOP_LIMIT), VECTOR).module)
+        verify(vectors.module)
+        for function in vectors.module.functions:
+            varying = vectors.facts[function.name].varying if not function.pure else ()
             for s in walk(function.body):
                 if isinstance(s, If):
                     assert s.condition not in varying
@@ -104,14 +104,14 @@ def test_with_one_lane_a_vectorised_module_means_what_it_did(padded):
     for seed in range(200):
         module = random_module(seed, lanes=True)
         prepared = prepare(module, Options(loop_limit=LOOP_LIMIT), VECTOR).module
-        made = Interpreter(vectorize(prepared, padded=padded).module, loop_limit=None)
+        vectorised = Interpreter(vectorize(prepared, padded=padded).module, loop_limit=None)
         reference = Interpreter(prepared, loop_limit=None)
         for k in range(4):
             inputs, tables = random_inputs(4 * seed + k)
             outputs, status = reference.run_element(inputs, None, tables)
-            found, ended = made.run_element(inputs, None, tables)
+            results, ended = vectorised.run_element(inputs, None, tables)
             assert ended == status, seed
-            for a, b in zip(found, outputs, strict=True):
+            for a, b in zip(results, outputs, strict=True):
                 np.testing.assert_array_equal(a, b, f"seed {seed}")
 
 
@@ -123,14 +123,14 @@ def test_a_counter_in_a_loop_that_lanes_leave_one_by_one_stays_a_scalar():
         p.add(n, p.number(1))
         loop.until(p.b.let("gt", p.b.load(z), p.number(4)))
     p.b.store(p.result, p.b.load(n))
-    made = p.vectorised()
-    assert not made.varies("n")
-    assert made.varies("n_out")
-    assert made.varies("z")
-    assert made.varies("live")
-    assert made.selects_into("n_out") == 1, "one exit copy"
-    assert made.selects_into("z") == 0, "not needed after the loop"
-    counted = {s.value.id for s in made.ops("add")} - made.vector.entry.varying
+    vectors = p.vectorised()
+    assert not vectors.varies("n")
+    assert vectors.varies("n_out")
+    assert vectors.varies("z")
+    assert vectors.varies("live")
+    assert vectors.selects_into("n_out") == 1, "one exit copy"
+    assert vectors.selects_into("z") == 0, "not needed after the loop"
+    counted = {s.value.id for s in vectors.ops("add")} - vectors.vector.entry.varying
     assert len(counted) == 1, "the counter is added to once, for all lanes"
 
 
@@ -160,11 +160,11 @@ def test_a_loop_that_all_lanes_leave_together_stays_as_it_is():
         p.add(i, p.count(1))
         loop.until(p.b.let("ge", p.b.load(i), p.count(9)))
     p.b.store(p.result, p.b.load(total))
-    made = p.vectorised()
-    assert not made.varies("i")
-    assert made.varies("total")
-    assert made.ops("cond", "lane_any", "lane_mask") == []
-    (loop,) = [s for s in made.statements if isinstance(s, Loop)]
+    vectors = p.vectorised()
+    assert not vectors.varies("i")
+    assert vectors.varies("total")
+    assert vectors.ops("cond", "lane_any", "lane_mask") == []
+    (loop,) = [s for s in vectors.statements if isinstance(s, Loop)]
     assert loop.until is not None
 
 
@@ -177,8 +177,8 @@ def test_a_uniform_condition_stays_a_branch():
             p.add(p.result, p.number(1))
         p.add(k, p.count(-1))
         loop.until(p.b.let("le", p.b.load(k), p.count(0)))
-    made = p.vectorised()
-    assert made.ops("cond", "lane_any") == []
+    vectors = p.vectorised()
+    assert vectors.ops("cond", "lane_any") == []
 
 
 def test_both_sides_of_an_if_store_with_one_select():
@@ -189,8 +189,8 @@ def test_both_sides_of_an_if_store_with_one_select():
     with p.b.otherwise():
         p.b.store(y, p.b.let("sqrt", p.x))
     p.b.store(p.result, p.b.load(y))
-    made = p.vectorised()
-    assert len(made.ops("cond")) == 1, "the other side stores it anyway, so the first store is plain"
+    vectors = p.vectorised()
+    assert len(vectors.ops("cond")) == 1, "the other side stores it anyway, so the first store is plain"
 
 
 def test_a_store_needed_after_a_continue_is_a_select():
@@ -206,10 +206,10 @@ def test_a_store_needed_after_a_continue_is_a_select():
         p.add(i, p.count(1))
         loop.until(p.b.let("ge", p.b.load(i), p.count(4)))
     p.b.store(p.result, p.b.load(kept))
-    made = p.vectorised()
-    assert made.selects_into("kept") == 2
-    assert made.selects_into("free") == 0
-    assert not made.varies("i"), "what all lanes of the loop do in its continuing part is uniform"
+    vectors = p.vectorised()
+    assert vectors.selects_into("kept") == 2
+    assert vectors.selects_into("free") == 0
+    assert not vectors.varies("i"), "what all lanes of the loop do in its continuing part is uniform"
 
 
 def test_a_flag_is_stored_only_for_lanes_that_leave_there():
@@ -223,8 +223,8 @@ def test_a_flag_is_stored_only_for_lanes_that_leave_there():
         loop.until(p.b.let("gt", p.b.load(i), p.n))
     one, zero = p.number(1), p.number(0)
     p.b.store(p.result, p.b.let("cond", p.b.load(found), one, zero))
-    made = p.vectorised()
-    assert made.selects_into("found") == 1, "lanes that leave by `until` did not store it"
+    vectors = p.vectorised()
+    assert vectors.selects_into("found") == 1, "lanes that leave by `until` did not store it"
 
 
 def test_a_table_read_at_a_uniform_index_is_uniform():
@@ -233,8 +233,8 @@ def test_a_table_read_at_a_uniform_index_is_uniform():
     read = p.b.let("table", p.b.load(i), type=F, attr="nodes")
     gathered = p.b.let("table", p.n, type=F, attr="nodes")
     p.b.store(p.result, p.b.let("add", read, gathered))
-    made = p.vectorised()
-    assert [s.value.id in made.vector.entry.varying for s in made.ops("table")] == [False, True]
+    vectors = p.vectorised()
+    assert [s.value.id in vectors.vector.entry.varying for s in vectors.ops("table")] == [False, True]
 
 
 def test_any_lane_asks_active_lanes_only_and_is_uniform():
@@ -247,12 +247,12 @@ def test_any_lane_asks_active_lanes_only_and_is_uniform():
         every = p.b.let("all_lanes", p.b.let("gt", p.n, p.count(5)), type=B)
         with p.b.when(every):
             p.b.store(p.result, p.number(3))
-    made = p.vectorised()
-    assert made.ops("any_lane", "all_lanes") == []
-    asked = {s.args[0] for s in made.ops("lane_any")}
-    masks = {s.value.id for s in made.ops("and")}
+    vectors = p.vectorised()
+    assert vectors.ops("any_lane", "all_lanes") == []
+    asked = {s.args[0] for s in vectors.ops("lane_any")}
+    masks = {s.value.id for s in vectors.ops("and")}
     assert len(asked & masks) == 2, "and-ed with the lanes that are active"
-    assert all(s.value.id not in made.vector.entry.varying for s in made.ops("lane_any"))
+    assert all(s.value.id not in vectors.vector.entry.varying for s in vectors.ops("lane_any"))
 
 
 def test_any_lane_stays_uniform_where_its_argument_varies_from_the_second_iteration_on():
@@ -268,9 +268,9 @@ def test_any_lane_stays_uniform_where_its_argument_varies_from_the_second_iterat
         p.add(k, p.count(1))
         outer.until(p.b.let("ge", p.b.load(k), p.count(20)))
     p.b.store(p.result, p.b.let("convert", p.b.load(k), type=F))
-    made = p.vectorised()
-    assert made.varies("z")
-    assert not made.varies("k"), "all lanes leave the inner loop together"
+    vectors = p.vectorised()
+    assert vectors.varies("z")
+    assert not vectors.varies("k"), "all lanes leave the inner loop together"
 
 
 def test_a_return_masks_what_follows():
@@ -279,9 +279,9 @@ def test_a_return_masks_what_follows():
         p.b.store(p.result, p.number(1))
         p.b.exit(Return)
     p.b.store(p.result, p.number(2))
-    made = p.vectorised()
-    assert made.selects_into("result") == 1, "the first store is plain: other lanes store it later, as a whole"
-    assert not [s for s in made.statements if isinstance(s, Return)], "what follows costs less than to ask"
+    vectors = p.vectorised()
+    assert vectors.selects_into("result") == 1, "the first store is plain: other lanes store it later, as a whole"
+    assert not [s for s in vectors.statements if isinstance(s, Return)], "what follows costs less than to ask"
 
 
 def test_a_loop_is_not_entered_when_no_lane_is_left():
@@ -291,10 +291,10 @@ def test_a_loop_is_not_entered_when_no_lane_is_left():
         p.add(y, p.x)
         loop.until(p.b.let("gt", p.b.load(y), p.number(4)))
     p.b.store(p.result, p.b.load(y))
-    made = p.vectorised()
-    (guard,) = [s for s in made.entry.body if isinstance(s, If)]
+    vectors = p.vectorised()
+    (guard,) = [s for s in vectors.entry.body if isinstance(s, If)]
     assert any(isinstance(s, Loop) for s in guard.then)
-    asked = {s.value.id for s in made.ops("lane_any")}
+    asked = {s.value.id for s in vectors.ops("lane_any")}
     assert guard.condition in asked
 
 
@@ -304,11 +304,11 @@ def test_a_masked_store_into_an_array_goes_out_of_range_for_other_lanes():
     with p.when_greater(1):
         p.b.store(array, p.x, index=p.n)
     p.b.store(p.result, p.b.load(array, p.n))
-    made = p.vectorised()
-    (store,) = [s for s in made.statements if isinstance(s, Store) and s.index is not None]
-    (select,) = made.ops("cond")
+    vectors = p.vectorised()
+    (store,) = [s for s in vectors.statements if isinstance(s, Store) and s.index is not None]
+    (select,) = vectors.ops("cond")
     assert store.index == select.value.id
-    assert made.varies("array")
+    assert vectors.varies("array")
 
 
 def test_an_array_of_uniform_values_is_uniform():
@@ -326,9 +326,9 @@ def test_padding_lanes_are_never_active():
         p.add(y, p.x)
         loop.until(p.b.let("gt", p.b.load(y), p.number(4)))
     p.b.store(p.result, p.b.load(y))
-    made = p.vectorised(padded=True)
-    (mask,) = made.ops("lane_mask")
-    assert any(isinstance(s, Store) and s.value == mask.value.id for s in made.statements)
+    vectors = p.vectorised(padded=True)
+    (mask,) = vectors.ops("lane_mask")
+    assert any(isinstance(s, Store) and s.value == mask.value.id for s in vectors.statements)
 
 
 def test_a_return_in_a_loop_becomes_a_break_and_a_flag():
