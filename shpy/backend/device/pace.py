@@ -168,24 +168,10 @@ class Watch(Pace):
         self.watches = False
         self.elements, self._brief = FIRST, 0
 
-    def driver(
-        self,
-        rows: int,
-        dispatch: Callable[[int, int], T],
-        finish: Callable[[T], None],
-        width: int,
-        least: int = 1,
-        *,
-        reads: bool,
-    ) -> Callable[[], None]:
-        """Return a function that runs rows of elements: see `Pace.driver`."""
-        run = super().driver(rows, dispatch, finish, width, least, reads=reads)
-
-        def watched() -> None:
-            self._left, self._rest = rows * width, 0.0
-            run()
-
-        return watched
+    def parts(self, rows: int, width: int = 1, least: int = 1) -> Iterator[tuple[int, int]]:
+        """Yield the dispatches of a run: see `Pace.parts`, by which each run goes as long as it is timed."""
+        self._left, self._rest = rows * width, 0.0
+        return super().parts(rows, width, least)
 
     def fits(self, elements: int) -> bool:
         """Return whether this number of elements is known to fit into a dispatch that is not timed."""
