@@ -17,10 +17,10 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.families import HALF, WIDTH
 from raytracer.accel.two_levels import TwoLevels
-from raytracer.accel.wide import FIRST, LEAF, LEVEL, NORMALS, ROWS, WideBvh, top_records, widen_levels
+from raytracer.accel.wide import LEAF, LEVEL, NORMALS, ROWS, WideBvh, top_records, widen_levels
 from raytracer.kernels.instances import InstanceHit, Instances, Placement
 from raytracer.kernels.triangle import AheadBound, PlaneView, RayHit, farther, is_ray, product
-from raytracer.kernels.wide_walk import LEAST, NONE, BlockTest, NodeTest, Stack, WideIntersector, child, floats
+from raytracer.kernels.wide_walk import LEAST, NONE, BlockTest, NodeTest, Stack, WideIntersector, floats
 from shpy import SH_ELSE, SH_IF, SH_WHILE
 
 
@@ -58,12 +58,7 @@ class WideInstanceIntersector(WideIntersector):
         bottom = sh.Attrib1u(0)  # of the stack in the instance; 0 outside of all
         with SH_WHILE(lambda: going):
             with SH_IF((key & LEAF) == 0):  # false for NONE, too
-                row = ROWS * place
-                keys = node.keys(self.records, row, reach)
-                first = self.number(self.records[row + FIRST].x)
-                nearest = stack.push_children(keys, first)
-                key[:] = nearest
-                place[:] = child(nearest, first)
+                self.descend(node, stack, place, key, reach)
             with SH_ELSE():
                 with SH_IF((key != NONE) & (bottom == 0)):
                     entered = self.records[ROWS * place]

@@ -97,12 +97,7 @@ class WideIntersector(Walk):
         key = sh.Attrib1u(0)
         with SH_WHILE(lambda: wanted):
             with SH_IF((key & LEAF) == 0):  # false for NONE, too
-                row = ROWS * place
-                keys = node.keys(self.records, row, reach)
-                first = self.number(self.records[row + FIRST].x)
-                nearest = stack.push_children(keys, first)
-                key[:] = nearest
-                place[:] = child(nearest, first)
+                self.descend(node, stack, place, key, reach)
             with SH_ELSE():
                 with SH_IF(key != NONE):
                     block(self.records, ROWS * place, hit)
@@ -111,6 +106,15 @@ class WideIntersector(Walk):
                 place[:] = self.number(number)
                 key[:] = met
                 wanted[:] = (stack.top != 0) if any_hit is False else (stack.top != 0) & ~(any_hit & (hit.id >= 0))
+
+    def descend(self, node: NodeTest, stack: Stack, place: Any, key: Any, reach: Any) -> None:
+        """Go on from the node at `place` to the nearest box that it has within `reach`; the others go on the stack."""
+        row = ROWS * place
+        keys = node.keys(self.records, row, reach)
+        first = self.number(self.records[row + FIRST].x)
+        nearest = stack.push_children(keys, first)
+        key[:] = nearest
+        place[:] = child(nearest, first)
 
     def find_any(self, node: NodeTest, block: BlockTest, hit: Any) -> None:
         """Visit boxes in their stored order: a bit for each sibling that the ray meets marks those that remain."""
