@@ -8,16 +8,13 @@ Stage: query. A move of instances changes their places and the upper hierarchy a
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.choice import INSTANCES
 from raytracer.accel.two_levels import ROWS, TwoLevels
 from raytracer.appearance.materials import Material
-from raytracer.errors import SceneError
-from raytracer.integrators.motion import Motion, all_or_nothing, moved_instances
+from raytracer.integrators.motion import Motion, moved_instances, moving
 from raytracer.kernels.component import Surfaces
 from raytracer.kernels.walk import QueryWalks
 from raytracer.meshes import Mesh
@@ -97,15 +94,10 @@ class InstancedGeometry:
 
         Raises SceneError for unknown names and other matrices, and for a mesh without triangles.
         """
-        motion = self._motion
-        with all_or_nothing(self):
-            motion.move(name, transform)
-            if not motion.changed:
-                raise SceneError(f"the mesh {name!r} has no triangles: there is nothing to move")
-            placed: Any = moved_instances(motion, self.layout)
+        with moving(self, self._motion, name, transform):
+            placed = moved_instances(self._motion, self.layout)
             if placed is None:
                 self._lay_out()
             else:
                 self.layout = placed
-        motion.accept()
         return placed is None

@@ -22,7 +22,7 @@ from raytracer.accel.space import WORKING
 from raytracer.appearance.materials import Material
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import Whitted
-from raytracer.integrators.motion import Motion, all_or_nothing, moved_rows, object_cubes
+from raytracer.integrators.motion import Motion, moved_rows, moving, object_cubes
 from raytracer.kernels.component import Surfaces
 from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import Walk
@@ -117,15 +117,10 @@ class MovedObjects:
 
         Raises SceneError for unknown names and other matrices, and for a mesh without triangles.
         """
-        motion = self._motion
-        with all_or_nothing(self):
-            motion.move(name, transform)
-            if not motion.changed:
-                raise SceneError(f"the mesh {name!r} has no triangles: there is nothing to move")
+        with moving(self, self._motion, name, transform):
             renewed = not self._updated()
             if renewed:
                 self._build()
-        motion.accept()
         return renewed
 
     def _updated(self) -> bool:

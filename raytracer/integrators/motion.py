@@ -172,6 +172,20 @@ def all_or_nothing(changed: object) -> Iterator[None]:
         raise
 
 
+@contextmanager
+def moving(owner: object, motion: Motion, name: str | int, transform: ArrayLike) -> Iterator[None]:
+    """Place meshes, as `Motion.move` does, of which `owner` makes tables within.
+
+    If that fails, the owner has the attributes that it had. Raises SceneError for a mesh without triangles.
+    """
+    with all_or_nothing(owner):
+        motion.move(name, transform)
+        if not motion.changed:
+            raise SceneError(f"the mesh {name!r} has no triangles: there is nothing to move")
+        yield
+    motion.accept()
+
+
 def moved_rows(motion: Motion, moving: Sequence[int], layout: Layout, precision: str) -> list[Change] | None:
     """Move the objects `moving` in a layout; return the changes, or None if the scene must be rebuilt.
 
