@@ -4,6 +4,7 @@ import json
 import os
 from contextlib import contextmanager
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import pages
 import pytest
@@ -13,6 +14,7 @@ from websockets.sync.client import connect
 
 from shpy.view import wire
 
+_pages: WeakKeyDictionary = WeakKeyDictionary()
 __all__ = ["View", "as_at_first", "chromium", "new_page", "save", "viewed", "watched"]
 
 
@@ -42,14 +44,31 @@ def new_page(browser, **options):
 
 @contextmanager
 def watched(browser, view, **size):
-    """Show a view in a page until the block ends: its console names no problem, and it asks nobody but the view."""
-    page, problems = new_page(browser, viewport=size), []
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("request", lambda request: problems.append(request.url) if view.url not in request.url else None)
+    """Show a view in a page until the block ends: its console names no problem, and it asks nobody but the view.
+
+    The tests of a browser share the page, which each of them loads anew: one of its own costs processes, two seconds.
+    """
+    if browser not in _pages:
+        _pages[browser] = new_page(browser)
+    page, problems = _pages[browser], []
+
+    def note_error(error):
+        problems.append(str(error))
+
+    def note_request(request):
+        if view.url not in request.url:
+            problems.append(request.url)
+
+    page.set_viewport_size(size)
+    page.mouse.move(0, 0)
+    page.on("pageerror", note_error)
+    page.on("request", note_request)
     page.goto(view.url)
     yield page
+    page.goto("about:blank")  # its connection ends with its test
+    page.remove_listener("pageerror", note_error)
+    page.remove_listener("request", note_request)
     assert problems == []
-    page.close()
 
 
 @contextmanager

@@ -250,14 +250,13 @@ def test_the_code_is_copied(browser, view):
 
 
 def test_nothing_sticks_out_on_a_telephone(browser, view):
-    page = new_page(browser, viewport={"width": 360, "height": 740})
-    page.goto(view.url)
-    page.wait_for_selector("body[data-form]")
-    page.wait_for_selector("#material-controls fieldset")
-    assert page.evaluate("() => document.documentElement.scrollWidth") <= 360
-    unnamed = page.evaluate(
-        """() => [...document.querySelectorAll("input, select, button")].filter((element) =>
-            !element.textContent && !element.getAttribute("aria-label") && !element.labels?.length).map((e) => e.id)"""
-    )
-    assert unnamed == []
-    page.close()
+    with watched(browser, view, width=360, height=740) as page:
+        page.wait_for_selector("body[data-form]")
+        page.wait_for_selector("#material-controls fieldset")
+        assert page.evaluate("() => document.documentElement.scrollWidth") <= 360
+        unnamed = page.evaluate(
+            """() => [...document.querySelectorAll("input, select, button")].filter((element) =>
+                !element.textContent && !element.getAttribute("aria-label") && !element.labels?.length
+            ).map((e) => e.id)"""
+        )
+        assert unnamed == []

@@ -94,7 +94,7 @@ def test_a_saved_file_is_recorded_again_and_its_picture_measured(page, view):
     assert "first picture after" in page.inner_text("#status")
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("wrong", "said", "line"),
     [
@@ -120,7 +120,7 @@ def test_an_error_shows_with_its_line_and_the_last_good_picture_stays(page, view
     page.wait_for_selector("#problem", state="hidden")
 
 
-def test_an_endless_loop_is_said_and_stopped(page, view):
+def test_an_endless_loop_is_said_and_stopped_and_a_process_that_dies_is_replaced(page, view):
     view.save("level = (")
     page.wait_for_selector("#problem:not([hidden])")
     view.save("while True: pass")
@@ -130,16 +130,11 @@ def test_an_endless_loop_is_said_and_stopped(page, view):
     shows(page, (135, 68, 0))
     page.click("text=Stop it")
     page.wait_for_selector("#problem:not([hidden])")
-    view.save(GOOD.format(gain=0.5))
-    shows(page, (71, 36, 0))
-    page.wait_for_selector("#busy", state="hidden")
-
-
-def test_a_process_that_dies_is_said_and_another_takes_its_place(page, view):
     view.save("import os; os.abort()")
     page.wait_for_selector("text=ended by signal 6")
     view.save(GOOD.format(gain=0.5))
     shows(page, (71, 36, 0))
+    page.wait_for_selector("#busy", state="hidden")
 
 
 def test_a_target_that_refuses_is_said_and_another_draws(page, view):
@@ -442,27 +437,23 @@ def test_tabs_show_one_view(browser, view):
     context.close()
 
 
-def test_nothing_sticks_out_on_a_telephone(browser, view):
-    view.save(GOOD.format(gain=1))
-    page = views.new_page(browser, viewport={"width": 360, "height": 740})
-    page.goto(view.url)
-    page.wait_for_selector("body[data-form]")
-    assert page.evaluate("() => document.documentElement.scrollWidth") <= 360
-    unnamed = page.evaluate(
-        """() => [...document.querySelectorAll("input, select, button")].filter((element) =>
-            !element.textContent && !element.getAttribute("aria-label") && !element.labels?.length).map((e) => e.id)"""
-    )
-    assert unnamed == []
-    page.close()
-
-
-def test_a_trace_on_a_telephone_shows_each_value_in_a_line_of_its_own(browser, view):
+def test_nothing_sticks_out_on_a_telephone_and_each_value_of_a_trace_has_a_line(browser, view):
     if view.path.read_text() != GOOD.format(gain=1):
         view.save(GOOD.format(gain=1))
-    page = views.new_page(browser, viewport={"width": 360, "height": 740})
-    page.goto(view.url)
-    page.wait_for_selector("[aria-label='Gain, number']")
-    shows(page, (135, 68, 0))  # a frame of the file before has no trace
+    with views.watched(browser, view, width=360, height=740) as page:
+        page.wait_for_selector("[aria-label='Gain, number']")
+        shows(page, (135, 68, 0))  # a frame of the file before has no trace
+        assert page.evaluate("() => document.documentElement.scrollWidth") <= 360
+        unnamed = page.evaluate(
+            """() => [...document.querySelectorAll("input, select, button")].filter((element) =>
+                !element.textContent && !element.getAttribute("aria-label") && !element.labels?.length
+            ).map((e) => e.id)"""
+        )
+        assert unnamed == []
+        each_value_of_a_trace_has_a_line_of_its_own(page)
+
+
+def each_value_of_a_trace_has_a_line_of_its_own(page):
     page.click("#picture")
     page.wait_for_selector("#panel table")
     heights = page.evaluate(
@@ -472,7 +463,6 @@ def test_a_trace_on_a_telephone_shows_each_value_in_a_line_of_its_own(browser, v
     )
     assert heights
     assert all(height < 1.6 * line and beyond <= 0 for height, line, beyond in heights), heights
-    page.close()
 
 
 @pytest.mark.slow

@@ -248,34 +248,34 @@ def state_of(process):
     return None if found in "ZX" else found
 
 
-@contextmanager
-def paused(tmp_path, after="0 / 0"):
-    """Yield a view whose file waits for a file `go` before it fails, its page, and the paused process that draws.
+def waiting(folder):
+    """Return lines that wait for a file `go`."""
+    return f"import os, time\nwhile not os.path.exists({str(folder / 'go')!r}): time.sleep(0.01)\n"
 
-    `after` are the lines that follow in the file.
-    """
+
+@contextmanager
+def paused(tmp_path):
+    """Yield a view whose file waits for a file `go` before it fails, its page, and the paused process that draws."""
     path = tmp_path / "wave.py"
     path.write_text(MOVING)
     with viewed(path, "--backend", "numpy", "--size", "4x3") as found, page(found) as socket:
         acknowledge(socket, told(socket, "frame")[0])
         wait_until(lambda: len(children(found.process.pid)) == 2)  # the next one warms up a second later
         drawing = min(children(found.process.pid))
-        waits = f"import os, time\nwhile not os.path.exists({str(tmp_path / 'go')!r}): time.sleep(0.01)\n"
-        path.write_text(waits + after)
+        path.write_text(waiting(tmp_path) + "0 / 0")
         wait_until(lambda: state_of(drawing) == "T")
         yield found, socket, drawing
 
 
-def test_the_process_that_draws_pauses_while_another_one_records(tmp_path):
-    with paused(tmp_path) as (_, socket, drawing):
+def test_the_process_that_draws_pauses_while_another_one_records_and_is_replaced(tmp_path):
+    with paused(tmp_path) as (found, socket, drawing):
         (tmp_path / "go").touch()
         assert told(socket, "error")[0]["type"] == "ZeroDivisionError"
         wait_until(lambda: state_of(drawing) != "T")
         told(socket, "frame")
-
-
-def test_a_question_to_a_process_that_is_replaced_is_answered(tmp_path):
-    with paused(tmp_path, MOVING) as (_, socket, drawing):
+        (tmp_path / "go").unlink()
+        found.path.write_text(waiting(tmp_path) + MOVING)
+        wait_until(lambda: state_of(drawing) == "T")
         send(socket, do="ask", about="trace", at=[1, 1], worker=1, number=1)
         (tmp_path / "go").touch()
         answer = told(socket, "answer")[0]
@@ -307,43 +307,32 @@ def test_control_c_ends_it_in_the_moment_when_it_starts(tmp_path):
             assert found.end() == (130, "shpy: stopped\n")
 
 
-def test_what_a_file_reads_is_watched(tmp_path):
+def test_what_a_file_reads_is_watched_and_an_edit_of_a_function_changes_its_gradient(tmp_path):
+    """The function stands in a file beside that of the program, which shows its slope, then its distance by a rule."""
+    rule = "@sh.subroutine\ndef height(p: sh.Attrib2f) -> sh.Attrib1f:\n    return p.x\n\n@height.tangent\n"
+    rule += "def height_tangent(y, p, d_p):\n    return 0.6 * d_p.x + d_p.y\n"
+    (tmp_path / "shape.py").write_text("import shpy as sh\n\ndef height(p):\n    return 0.2 * p.x + p.y * p.y\n")
     (tmp_path / "palette.py").write_text("level = 0.25")
     (tmp_path / "levels.txt").write_text("0.5")
-    path = tmp_path / "wave.py"
-    read = "from pathlib import Path\nfrom palette import level\n"
+    read = "from pathlib import Path\nfrom palette import level\nfrom shape import height\n"
     read += "other = float(Path(__file__).with_name('levels.txt').read_text())\n"
-    path.write_text(read + MOVING.replace("gain * sh.fract(time)", "level + other"))
-    with viewed(path, "--backend", "numpy", "--size", "4x3") as found, page(found) as socket:
-        for name, text, blue in (("levels.txt", "0.0", 64), ("palette.py", "level = 1.0  # all", 255)):
-            acknowledge(socket, told(socket, "frame")[0])
+    color = "sh.Color3f(sh.gradient(height)(sh.Attrib2f(uv)), level + other)"
+    path = tmp_path / "wave.py"
+    path.write_text(read + MOVING.replace("sh.Color3f(uv, gain * sh.fract(time))", color))
+    edits = (
+        ("levels.txt", "0.0", (51, 128, 64)),  # the slope by x, and by y at 0.25
+        ("palette.py", "level = 1.0  # all", (51, 128, 255)),
+        ("shape.py", "import shpy as sh\n\n" + rule, (153, 255, 255)),
+    )
+    with viewed(path, "--backend", "numpy", "--size", "4x2") as found, page(found) as socket:
+        header, pixels = told(socket, "frame")
+        assert tuple(pixels[:3]) == (51, 128, 191)
+        for name, text, color in edits:
+            acknowledge(socket, header)
             (tmp_path / name).write_text(text)
             told(socket, "recorded")
             header, pixels = told(socket, "frame")
-            assert pixels[2] == blue
-            acknowledge(socket, header)
-            (tmp_path / "wave.py").touch()
-
-
-def test_an_edit_of_a_function_changes_its_gradient(tmp_path):
-    """The function stands in a file beside that of the program, which shows its slope, then its distance by a rule."""
-    shape = "import shpy as sh\n\ndef height(p):\n    return {}\n"
-    rule = "@sh.subroutine\ndef height(p: sh.Attrib2f) -> sh.Attrib1f:\n    return p.x\n\n@height.tangent\n"
-    rule += "def height_tangent(y, p, d_p):\n    return 0.6 * d_p.x + d_p.y\n"
-    (tmp_path / "shape.py").write_text(shape.format("0.2 * p.x + p.y * p.y"))
-    program = "from shape import height\n" + MOVING.replace(
-        "sh.Color3f(uv, gain * sh.fract(time))", "sh.Color3f(sh.gradient(height)(sh.Attrib2f(uv)), 0)"
-    )
-    (tmp_path / "wave.py").write_text(program)
-    with viewed(tmp_path / "wave.py", "--backend", "numpy", "--size", "4x2") as found, page(found) as socket:
-        header, pixels = told(socket, "frame")
-        assert tuple(pixels[:2]) == (51, 128)  # d by x, and by y at 0.25
-        for text, slopes in ((shape.format("p.x * p.y"), (64, 32)), ("import shpy as sh\n\n" + rule, (153, 255))):
-            acknowledge(socket, header)
-            (tmp_path / "shape.py").write_text(text)
-            told(socket, "recorded")
-            header, pixels = told(socket, "frame")
-            assert tuple(pixels[:2]) == slopes
+            assert tuple(pixels[:3]) == color
 
 
 @pytest.mark.slow
