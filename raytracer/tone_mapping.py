@@ -29,6 +29,8 @@ _DARKEST, _STOPS = -12.47393, 16.5
 """The logarithm, to the base 2, of the light that AgX shows as black, and the stops from there to white."""
 _PIVOT: Final = 20 / 33
 """The place of AgX's middle grey between black and white; the curve has the slope 2 there, and the height 1/2."""
+_BRIGHTEST = 2.0**256
+"""Light beyond all of binary32 at every exposure, whose square is finite in binary64."""
 _COMPRESSED, _DIELECTRIC, _DESATURATION = 0.8, 0.04, 0.15
 """The brightness from which Khronos's curve compresses, the share that surfaces mirror, and how fast colours fade."""
 
@@ -96,6 +98,9 @@ def checked_curve(tonemap: Any) -> str:
 
 
 def mapped(pixels: NDArray[Any], tonemap: str = "none", exposure: float = 0.0) -> Colors:
-    """Return linear colours (..., 3) times 2**exposure through a curve, in binary64; negative light counts as 0."""
+    """Return linear colours (..., 3) times 2**exposure through a curve, in binary64; negative light counts as 0.
+
+    Infinite light counts as very bright light, which every curve shows as its white, and not as the NaN of inf / inf.
+    """
     light: Colors = pixels.astype(np.float64) * 2.0**exposure
-    return light if tonemap == "none" else CURVES[tonemap](np.maximum(light, 0))
+    return light if tonemap == "none" else CURVES[tonemap](np.clip(light, 0, _BRIGHTEST))

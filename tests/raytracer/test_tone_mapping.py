@@ -44,6 +44,13 @@ def test_curves_rise_and_stay_within_what_a_screen_shows(tonemap):
     np.testing.assert_array_equal(mapped(np.array([-1.0, -2, -3]), tonemap), mapped(np.zeros(3), tonemap))
 
 
+@pytest.mark.parametrize("tonemap", CURVES)
+def test_infinite_light_is_shown_as_very_bright_light(tonemap):
+    light = np.array([[[np.inf, np.inf, np.inf], [np.inf, 0, 0], [0, np.inf, 0.5]]], np.float32)
+    finite = np.where(np.isinf(light), np.float32(1e38), light)
+    np.testing.assert_array_equal(srgb_bytes(light, 0.0, tonemap), srgb_bytes(finite, 0.0, tonemap))
+
+
 def test_bright_colours_fade_to_white_but_with_none():
     red = np.array([[400.0, 0.5, 0.2]])
     assert mapped(red, "none")[0, 1] == 0.5
