@@ -20,6 +20,8 @@ from raytracer.scene.framing import triple
 from raytracer.scene.lights import DirectionalLight, PlacedLight, PointLight, SpotLight
 
 Matrix = NDArray[np.float64]
+_EDGE = 1e-3
+"""The share of a cone's angle over which a sharp edge falls to 0."""
 
 
 def light_of(
@@ -48,4 +50,6 @@ def light_of(
     inner = math.degrees(number_of(cone, "innerConeAngle", 0))
     outer = math.degrees(number_of(cone, "outerConeAngle", math.pi / 4))
     outer = min(outer, 90.0) if outer < 90.001 else outer  # pi / 2 as files write it
+    if outer > 0 and math.isclose(inner, outer, rel_tol=_EDGE):
+        inner = (1 - _EDGE) * outer  # a sharp edge, which exporters write as two equal angles
     return SpotLight(triple(place), triple(ahead), inner, outer, triple(color), "square", reach), share

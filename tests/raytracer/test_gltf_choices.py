@@ -97,6 +97,16 @@ def test_cones_and_ranges_of_lights(tmp_path):
         Scene.load(wrong.save(tmp_path / "wrong.glb"))
 
 
+@pytest.mark.parametrize("angle", [0.4, np.float32(np.pi / 2)])
+def test_a_cone_of_two_equal_angles_has_a_sharp_edge(tmp_path, angle):
+    file = File()
+    file.node(mesh=file.mesh(file.square()))
+    cone = {"innerConeAngle": float(angle), "outerConeAngle": float(angle)}
+    file.light(type="spot", spot=cone, place={"translation": [0, 0, 2]})
+    (spot,) = Scene.load(file.save(tmp_path / "sharp.glb"), strict=True).lights
+    assert 0.99 * spot.outer < spot.inner < spot.outer == pytest.approx(min(math.degrees(angle), 90))
+
+
 def file_of_variants():
     file = File()
     red, green, blue = (
