@@ -81,7 +81,7 @@ class GltfMaterials:
         place = _place(self._first(number))
         elsewhere = [name for name, texture in used.items() if _place(texture) != place]
         if elsewhere:
-            self.notices.ignore("second uv coordinates of materials")
+            self.notices.ignore("second uv coordinates or transforms in materials")
         if used and not has_uv:
             self.notices.ignore("pictures of meshes without uv coordinates")
         key = (number, bool(used) and has_uv)

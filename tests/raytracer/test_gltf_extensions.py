@@ -88,7 +88,7 @@ def test_textures_of_one_material_that_are_moved_apart(tmp_path):
     apart = {"index": texture, "extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}
     look = {"baseColorTexture": {"index": texture}}
     file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look, emissiveTexture=apart))))
-    with pytest.warns(sh.ShpyWarning, match=r"second uv coordinates of materials \(1\)"):
+    with pytest.warns(sh.ShpyWarning, match=r"second uv coordinates or transforms in materials \(1\)"):
         Scene.load(file.save(tmp_path / "apart.glb"))
 
 

@@ -168,8 +168,8 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file.tree["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_ior", "KHR_materials_x"]
     expected = (
         "animations (1), scenes but the default one (1), KHR_materials_x (1), morph targets of colours or uv (1), "
-        "second uv coordinates of materials (1), pictures of meshes without uv coordinates (1), occlusion maps (1), "
-        "alpha of clear bodies (1), "
+        "second uv coordinates or transforms in materials (1), pictures of meshes without uv coordinates (1), "
+        "occlusion maps (1), alpha of clear bodies (1), "
         "points and lines (1), lights of the type area (1)"
     )
     scene = loaded(file.save(tmp_path / "much.glb"), f"ignored: {expected}")
