@@ -49,7 +49,7 @@ def backend(name: str) -> Backend:
     result = _backends.get(name) if isinstance(name, str) else None
     if result is None:
         if not isinstance(name, str) or name not in NAMES:
-            raise BackendUnavailable(f"there is no backend {name!r}", cure=" or ".join(map(repr, NAMES)))
+            raise BackendUnavailable(f"there is no backend {name!r}", cure=" or ".join(map(repr, CHOICES)))
         before = sys.exception()
         try:
             result = _backends[name] = importlib.import_module(_MODULES[name]).backend

@@ -18,6 +18,7 @@ from shpy.lang.data.hostdata import as_array
 from shpy.lang.data.tables import TableType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, flatten, is_lazy, layout_of, leaves
+from shpy.lang.values.value import with_article
 from shpy.run import host
 from shpy.streams.elements import InputLeaf, Shape, shape_before_data
 from shpy.streams.stream import streams_in
@@ -62,8 +63,8 @@ def cut_leaves(layout: Layout, value: Any, name: str, precision: str) -> list[An
         shape = shape_before_data(path, cls, array, _dtype(cls, precision))
         if len(shape) < array.ndim and len(array.chunks[-1]) > 1:
             raise ShpyTypeError(
-                f"{path} is a {cls.__name__}, and its chunks {array.chunks[-1]} on the last axis cut the components of "
-                "elements",
+                f"{path} is {with_article(cls)}, and its chunks {array.chunks[-1]} on the last axis cut the components "
+                "of elements",
                 loc=here(),
                 cure=f"{path.partition('[')[0]}.rechunk({{-1: -1}})",  # m[0] is a row of an input m
             )

@@ -21,7 +21,7 @@ from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.record import InputType, RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, annotation_of, entries_of, flatten, leaves, spoken_type
-from shpy.lang.values.value import Value
+from shpy.lang.values.value import Value, with_article
 from shpy.streams.elements import InputLeaf, Shape, given_shape
 
 _MAX_RANK = 31
@@ -91,7 +91,7 @@ class DeviceLeaf:
         self.shape: Shape = entry.shape
         if entry.memory.type is not cls.type:
             raise ShpyTypeError(
-                f"{name} is a {cls.__name__}, {cls.type!r}, and {entry.stream!r} holds {entry.memory.type!r}",
+                f"{name} is {with_article(cls)}, {cls.type!r}, and {entry.stream!r} holds {entry.memory.type!r}",
                 loc=here(),
                 cure=f"sh.Stream(array, sh.{cls.__name__})",
             )

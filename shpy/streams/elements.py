@@ -20,7 +20,7 @@ from shpy.ir.constants import is_int
 from shpy.lang.data.hostdata import as_base, working
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import sequence
-from shpy.lang.values.value import Value
+from shpy.lang.values.value import Value, with_article
 
 Shape = tuple[int, ...]
 
@@ -49,7 +49,7 @@ def element_shape(name: str, cls: type[Value], shape: Shape) -> Shape:
     """Return the shape S of the elements of an array (*S, N); ShpyTypeError for another last axis."""
     if cls.size > 1 and (not shape or shape[-1] != cls.size):
         raise ShpyTypeError(
-            f"{name} is a {cls.__name__} and takes an array (*S, {cls.size}), not {shape}",
+            f"{name} is {with_article(cls)} and takes an array (*S, {cls.size}), not {shape}",
             loc=here(),
             cure=_trailing(name, shape, cls.size, is_color=cls.kind == "Color"),
         )

@@ -329,12 +329,12 @@ REFUSED = [
     ),
     (
         lambda: sh.map_blocks(two, cut(X, 5, 4, 2), K),
-        "x is a Attrib3f, and its chunks (2, 1) on the last axis cut the components of elements",
+        "x is an Attrib3f, and its chunks (2, 1) on the last axis cut the components of elements",
         "x.rechunk({-1: -1})",
     ),
     (
         lambda: sh.map_blocks(turned, {"o": cut(X[:, 0], 5, 3), "m": da.ones((13, 2, 2), chunks=(13, 2, 1))}, 1.0),
-        "ray.m[0] is a Attrib2f, and its chunks (1, 1) on the last axis cut the components of elements",
+        "ray.m[0] is an Attrib2f, and its chunks (1, 1) on the last axis cut the components of elements",
         "ray.m.rechunk({-1: -1})",
     ),
     (

@@ -112,7 +112,7 @@ def test_mistakes_of_gather_are_errors_before_anything_runs():
     for call, message in (
         (lambda: sh.gather(table, index * 1.5), "index takes ints, not float64"),
         (lambda: sh.gather(da.ones(0), index), "gather from an array without elements"),
-        (lambda: sh.gather(table, index, sh.Attrib3f), "the table is a Attrib3f"),
+        (lambda: sh.gather(table, index, sh.Attrib3f), "the table is an Attrib3f"),
         (lambda: sh.gather(table[table[:, 0] > 0], index), "the table has chunks of unknown sizes"),
         (
             lambda: sh.gather(stream, da.from_array(index)),

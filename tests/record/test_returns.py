@@ -255,6 +255,15 @@ def test_the_cure_for_an_unknown_annotation_of_the_result_is_an_annotation():
     assert caught.value.cure == "sh.Attrib1f, or another type of shpy, a @sh.struct, a NamedTuple of types"
 
 
+def test_the_cure_for_types_in_brackets_is_a_tuple_of_them():
+    def pair(x: sh.Attrib1f) -> (sh.Attrib1f, sh.Color3f):
+        return x, sh.Color3f(x)
+
+    with pytest.raises(sh.ShpyTypeError, match="what it gives back is annotated") as caught:
+        sh.program(pair)
+    assert caught.value.cure == "tuple[sh.Attrib1f, sh.Color3f]"
+
+
 def test_a_tuple_of_as_many_numbers_is_a_vector():
     @sh.program
     def case(x: sh.Attrib1f) -> sh.Attrib2f:

@@ -89,12 +89,13 @@ def layout_of(annotation: Any, name: str) -> Layout:
     if typing.get_origin(annotation) is tuple:
         parts = tuple(layout_of(a, f"{name}[{i}]") for i, a in enumerate(typing.get_args(annotation)))
         return Group("tuple", tuple(map(str, range(len(parts)))), parts)
-    written = f"{name}: sh.Attrib1f" if name.isidentifier() else "sh.Attrib1f"
-    raise ShpyTypeError(
-        f"{name} is annotated {annotation!r}, which is no type of the language",
-        loc=here(),
-        cure=f"{written}, or another type of shpy, a @sh.struct, a NamedTuple of types",
-    )
+    written = f"{name}: " if name.isidentifier() else ""
+    cure = f"{written}sh.Attrib1f, or another type of shpy, a @sh.struct, a NamedTuple of types"
+    if isinstance(annotation, tuple | list) and annotation:
+        several = ", ".join(f"sh.{getattr(part, '__name__', 'Attrib1f')}" for part in annotation)
+        cure = f"{written}tuple[{several}]"
+    message = f"{name} is annotated {annotation!r}, which is no type of the language"
+    raise ShpyTypeError(message, loc=here(), cure=cure)
 
 
 def outside(layout: Layout, name: str) -> Layout:

@@ -383,6 +383,11 @@ class Value(AbstractValue, Symbolic):
         return f"<{type(self).__name__} {self._called()}>"
 
 
+def with_article(cls: type) -> str:
+    """Return the name of a class with the article of its first letter: an Attrib3f, a Color3f."""
+    return f"{'an' if cls.__name__[:1] in 'AEIOU' else 'a'} {cls.__name__}"
+
+
 def _follows(x: Any) -> bool:
     """Return whether a component is a uniform, or a tuple, list or array with one."""
     if isinstance(x, AbstractValue):
