@@ -50,13 +50,17 @@ def _network() -> Any:
 def denoised(image: Image, scene: Scene, backend: str | None = None) -> Image:
     """Return a path traced picture of a scene with other pixels: an estimate of what they are without noise.
 
-    Its `origin` is empty, as no samples can be added to it. Raises SceneError where the package is missing.
+    Its `origin` is empty, as no samples can be added to it. A transparent picture stays black where no surface is,
+    although the network smooths light over edges. Raises SceneError where the package is missing.
     """
     network = _network()
     height, width = image.depth.shape
     guides = _guides(scene, (width, height), backend)
     pixels = network.denoise(np.ascontiguousarray(image.pixels, np.float32), *guides, hdr=True, clean_aux=True)
-    return dataclasses.replace(image, pixels=np.asarray(pixels, np.float32), origin="")
+    pixels = np.asarray(pixels, np.float32)
+    if image.alpha is not None:
+        pixels = np.where(image.alpha[..., None] > 0, pixels, np.float32(0))
+    return dataclasses.replace(image, pixels=pixels, origin="")
 
 
 def _guides(scene: Scene, size: tuple[int, int], backend: str | None) -> tuple[Any, Any]:

@@ -57,6 +57,17 @@ def test_a_denoised_picture_has_no_samples_to_add_to(calls):
         render(scene(), (8, 6), integrator=Path(samples=2), backend="numpy", resume=image)
 
 
+def test_a_transparent_picture_stays_black_where_no_surface_is(monkeypatch):
+    smooth = types.SimpleNamespace(denoise=lambda color, *guides, **options: color + 0.25)
+    monkeypatch.setitem(sys.modules, "pyoidn", smooth)
+    options = {"integrator": Path(samples=1), "backend": "numpy", "transparent": True}
+    noisy, image = (render(scene(), (16, 12), denoise=denoise, **options) for denoise in (False, True))
+    empty = image.alpha == 0
+    assert empty.any()
+    assert not image.pixels[empty].any()
+    np.testing.assert_array_equal(image.pixels[~empty], noisy.pixels[~empty] + 0.25)
+
+
 def test_an_empty_scene_is_denoised(calls):
     image = render(Scene(background=(0.5, 1, 2)), (4, 3), integrator=Path(samples=1), backend="numpy", denoise=True)
     np.testing.assert_array_equal(image.pixels, np.broadcast_to(np.float32([0.25, 0.5, 1]), (3, 4, 3)))
