@@ -29,6 +29,7 @@ from raytracer import (
 )
 from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import triangle_rows
+from raytracer.kernels import walk
 from raytracer.kernels.walk import walk_with
 from raytracer.meshes.mesh import PlacedMesh
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
@@ -105,10 +106,10 @@ def test_pictures_are_those_of_triangles_of_their_own(pictures):
     assert np.median(np.abs(picture.normal - plain.normal)[same]) < 1e-6
 
 
-def nearest_of(walk):
+def nearest_of(way):
     @sh.program
     def nearest(eye: sh.Point3f, ray: sh.Vector3f):
-        hit = walk(ray, eye, 0.0, sh.Attrib1f(1e38), False)
+        hit = way(ray, eye, 0.0, sh.Attrib1f(1e38), False)
         return {"t": hit.l, "triangle": sh.Attrib1i(hit.id if hit.instance is None else hit.order), "uv": hit.uv}
 
     return nearest
@@ -147,6 +148,36 @@ def test_hits_are_to_the_bit_those_of_corners_that_the_matrices_place():
     assert np.count_nonzero(one["triangle"] >= 0) > 1000
     for name in ("triangle", "t", "uv"):
         np.testing.assert_array_equal(one[name], other[name], name)
+
+
+def parts_of(way):
+    @sh.program
+    def nearest(eye: sh.Point3f, ray: sh.Vector3f):
+        parts = way(ray, eye, 0.0, sh.Attrib1f(1e38), False).parts
+        return dict(zip(("t", "id", "uv", "instance"), parts, strict=False))
+
+    return nearest
+
+
+@pytest.mark.parametrize("accel", ["bvh", "instances"])
+def test_rays_that_all_walk_alone_hit_what_they_hit_together(accel, monkeypatch):
+    """As the eye rays of path traced scenes of more than `ROOMY` triangles do."""
+    monkeypatch.setattr(walk, "MANY", 1)
+    monkeypatch.setattr(walk, "ROOMY", 0)
+    random = np.random.default_rng(3)
+    ball = sphere(1.0, rings=6, segments=8)
+    scene = Scene([Instance(ball, place(random, (1, 1, -1) if k % 2 else (1, 0.3, 1))) for k in range(12)])
+    eyes, rays = (random.normal(size=(2000, 3)).astype(np.float32) for _ in range(2))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    results = []
+    for backend, scattered in (("numpy", None), ("opencl", "all")):
+        layout = Layout.of(scene, accel)
+        way = walk.scene_walk(layout, backend, scattered)
+        results.append(parts_of(way).compile(backend)(eyes * np.float32(layout.scale), rays))
+    assert type(way) is walk.AloneWalk
+    assert np.count_nonzero(results[0]["id"] >= 0) > 400
+    for one, other in zip(*(result.values() for result in results), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.sampled(3)

@@ -248,3 +248,22 @@ def test_instances_have_the_materials_of_their_meshes():
     assert len(np.unique(primary.object)) == 7
     one, other = (render(scene, accel=accel, primary=primary, backend="numpy") for accel in ("bvh", "instances"))
     np.testing.assert_allclose(one.pixels, other.pixels, atol=1e-4)
+
+
+def test_instances_are_seen_where_they_have_moved():
+    gem, cube = (mesh.with_material(Material(surface=by_object)) for mesh in (icosahedron(0.5), box()))
+    away = np.diag([1.0, 1.5, -1.0, 1.0])
+    away[0, 3] = 1.5
+    parts = [Instance(mesh, np.eye(4)) for mesh in (gem, cube, cube, gem)]
+    scene = Scene([*parts, floor(9).moved((0, -1, 0))], [PointLight((2, 9, 3))], Camera((0, 3, 6), (0, 0, 0)))
+    moved = dataclasses.replace(scene, meshes=[*scene.meshes[:2], Instance(cube, away), *scene.meshes[3:]])
+    position = np.random.default_rng(2).uniform(-2, 2, (6, 10, 3))
+    primary = GBuffer(position, np.ones((6, 10, 3)), np.arange(60).reshape(6, 10) % 5, np.zeros((6, 10, 2)))
+    renderers = [Renderer(each, accel="instances", backend="numpy", bounces=0) for each in (scene, moved)]
+    before = renderers[0].render(primary=primary)
+    renderers[0].move(2, away)
+    after, new = (renderer.render(primary=primary) for renderer in renderers)
+    assert renderers[0].builds == 1
+    assert np.any(before.pixels != after.pixels)
+    for name in ("pixels", "depth", "normal", "object_id"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(new, name))
