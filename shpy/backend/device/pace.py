@@ -165,8 +165,8 @@ class Watch(Pace):
 
     def end(self) -> None:
         """Be a plain pace from now on, for a kernel with other costs."""
-        self.watches = False
         self.elements, self._brief = FIRST, 0
+        self.watches = False
 
     def parts(self, rows: int, width: int = 1, least: int = 1) -> Iterator[tuple[int, int]]:
         """Yield the dispatches of a run: see `Pace.parts`, by which each run goes as long as it is timed."""

@@ -85,7 +85,7 @@ class Loan:
         return entry is not None
 
     def __del__(self) -> None:
-        entry = self._entry
+        entry = getattr(self, "_entry", None)  # there is none where Ctrl-C ended its `__init__`
         if entry is not None:
             self._dropped.append(entry)
 

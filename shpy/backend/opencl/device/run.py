@@ -31,7 +31,7 @@ from shpy.backend.device.pool import Recent
 from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
 from shpy.backend.opencl.device.memory import MEMORY, own, tables_of
 from shpy.backend.opencl.text.kernel import KernelText
-from shpy.errors import warn
+from shpy.errors import BackendUnavailable, warn
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Status, Table
 from shpy.ir.tabledata import TableData
@@ -82,8 +82,12 @@ class OpenCLExecutable:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return the faults of the device, and why elements run one at a time where packets were tried."""
-        hurried = () if self.optimize is None else (HURRIED,)
-        return (*self.machine.notes, *self.remarks, *hurried)
+        return (*self.machine.notes, *self.remarks, *((HURRIED,) if self.hurried else ()))
+
+    @property
+    def hurried(self) -> bool:
+        """Whether an optimized program may replace the present one."""
+        return isinstance(self.pace, Watch) and self.pace.watches
 
     @property
     def loops(self) -> tuple[Loc | None, ...]:
@@ -117,18 +121,19 @@ class OpenCLExecutable:
     def _renew(self) -> None:
         """Replace the program by the optimized one if that pays now; runs take kernel objects of it from then on."""
         watch = self.pace
-        if self.optimize is None or not isinstance(watch, Watch) or not watch.pays:
+        if not isinstance(watch, Watch) or not watch.pays:
             return
+        assert self.optimize is not None  # there is a Watch
         try:
             program = self.optimize()
             compiled = self._launched(program)
             self.program, self.compiled = program, compiled
             self.stages, self.spare = Recent(_SHAPES), []
-        except self.machine.cl.Error as error:
+        except (self.machine.cl.Error, BackendUnavailable) as error:
             remark = f"stays slower than it could be on OpenCL: the driver does not optimize it ({error})"
             warn(f"{self.prepared.module.entry.loc}: {self.prepared.module.name} {remark}")
+        watch.end()  # the last step: after Ctrl-C at any line before it, the next run does all of this again
         self.optimize = None
-        watch.end()
 
     def run(self, call: Call) -> Array | None:
         """Run the kernel; return the status of each element, or None if all elements are written."""
@@ -161,7 +166,7 @@ class OpenCLExecutable:
         tables = [self._table(call.tables[table.name], table)[:2] for table in self.kernel.tables]
         outputs = self._outputs(call, used)
         args = self._arguments(call.shape, inputs, tables, call.params, [buffer for buffer, *_ in outputs])
-        self._starter(self.compiled, args, call.shape, reads=True, shared=True)()
+        self._starter(self.compiled, args, call.shape, self.program, reads=True, shared=True)()
         machine.finish([buffer for buffer, is_lent, _ in outputs if is_lent])
         return self._collect(call, outputs)
 
@@ -185,7 +190,7 @@ class OpenCLExecutable:
         args = self._arguments(call.shape, [(buffer, len(a)) for a, buffer in inputs], (), call.params, buffers)
         first = len(args) - len(buffers) - len(kernel.params)
         compiled = machine.kernel(self.program, kernel.name, args if kernel.params else ())
-        start = self._starter(compiled, args, call.shape, reads=True)
+        start = self._starter(compiled, args, call.shape, self.program, reads=True)
 
         def set_params(values: list[Any]) -> None:
             args[first : first + len(values)] = values
@@ -205,12 +210,14 @@ class OpenCLExecutable:
         assert len(results) == len(self.prepared.module.entry.outputs)
         inputs = [(memory.buffer, memory.count) for memory in memories]
         args = self._arguments(call.shape, inputs, [table[:2] for table in tables], call.params, results)
+        # Another thread may replace the program meanwhile: a run that takes the earlier one is renewed.
+        program, spare = self.program, self.spare
         # A kernel object holds its arguments, so each repeated run has its own. To make an object takes longer than a
         # small run, so the objects of runs that were deleted are used again.
-        compiled = self.compiled if once else self._spare_kernel()
-        run = self._starter(compiled, args, call.shape, reads=False, shared=once)
+        compiled = self.compiled if once else self._spare_kernel(program, spare)
+        run = self._starter(compiled, args, call.shape, program, reads=False, shared=once)
         if not once:
-            weakref.finalize(run, self.spare.append, compiled).atexit = False
+            weakref.finalize(run, spare.append, compiled).atexit = False
         copies = [copy for _, _, copy in tables if copy is not None]
         if not copies:
             return run
@@ -222,11 +229,11 @@ class OpenCLExecutable:
 
         return start
 
-    def _spare_kernel(self) -> Any:
+    def _spare_kernel(self, program: Any, spare: list[Any]) -> Any:
         try:
-            return self.spare.pop()  # at once: another thread may take the last one
+            return spare.pop()  # at once: another thread may take the last one
         except IndexError:
-            return self.machine.cl.Kernel(self.program, self.kernel.name)
+            return self.machine.cl.Kernel(program, self.kernel.name)
 
     def _table(self, data: TableData | TableMemory, table: Table) -> tuple[Any, Any, Callable[[], None] | None]:
         """Return a table's buffer and shape, and a function that updates it before each run, or None."""
@@ -299,10 +306,10 @@ class OpenCLExecutable:
         return last if others and (is_image or self.kernel.grid) else columns
 
     def _starter(
-        self, compiled: Any, args: list[Any], shape: tuple[int, ...], *, reads: bool, shared: bool = False
+        self, compiled: Any, args: list[Any], shape: tuple[int, ...], program: Any, *, reads: bool, shared: bool = False
     ) -> Callable[[], None]:
-        """Return a function that runs a kernel with these arguments over the elements of a shape: see `starter`."""
-        items, lanes, program = self._items(shape), self.kernel.lanes, self.program
+        """Return a function that runs a kernel of a program with these arguments over a shape: see `starter`."""
+        items, lanes = self._items(shape), self.kernel.lanes
 
         def renewed() -> Any:
             self._renew()
@@ -312,7 +319,7 @@ class OpenCLExecutable:
             kernel.set_args(*args)
             return kernel
 
-        renew = None if self.optimize is None else renewed
+        renew = renewed if self.hurried or self.program is not program else None
         return starter(
             self.machine, compiled, args, items, self.group, self.pace, lanes, reads=reads, shared=shared, renew=renew
         )
