@@ -1,17 +1,23 @@
 """Large kernels are built without the driver's optimization, and once more, optimized, when that has paid."""
 
+import os
+import subprocess
+import sys
 import threading
 
 import numpy as np
 import pytest
+from patience import HANGING
+from stress.interrupts import hears_nothing
+from test_auto import EAGER
 
 import raytracer as rt
 import shpy as sh
 from shpy.backend.device.pace import Watch
 from shpy.backend.opencl.device import building
 from shpy.backend.opencl.device.driver import Machine
-from shpy.backend.opencl.device.run import HURRIED
-from shpy.run import kernel as kernels
+from shpy.backend.opencl.device.run import HURRIED, OpenCLExecutable
+from shpy.run import kernel as kernels, tiers
 
 pytestmark = pytest.mark.undisturbed
 
@@ -126,12 +132,15 @@ def test_runs_that_are_bound_before_take_the_second_build_too(hurried):
     np.testing.assert_array_equal(kernel(sh.Stream(X, sh.Attrib1f, "opencl")).numpy(), by_numpy(X))
 
 
-def test_a_refused_second_build_leaves_the_first(hurried, monkeypatch):
+@pytest.mark.parametrize(
+    "error", [lambda machine: machine.cl.Error("out of memory"), lambda machine: sh.BackendUnavailable("disk is full")]
+)
+def test_a_refused_second_build_leaves_the_first(hurried, monkeypatch, error):
     kernel, pays = hurried
     expected = by_numpy(X)
 
     def refuse(self, *args, **options):
-        raise self.cl.Error("out of memory")
+        raise error(self)
 
     monkeypatch.setattr(Machine, "build", refuse)
     pays(True)
@@ -184,6 +193,192 @@ def test_threads_share_a_kernel_that_is_replaced(hurried):
     for answer in answers:
         np.testing.assert_array_equal(answer, expected)
     assert HURRIED not in kernel.notes
+
+
+class Interrupts:
+    """A trace function that raises KeyboardInterrupt at a line of the second build's own, the `at`-th."""
+
+    WATCHED = (OpenCLExecutable._renew, OpenCLExecutable._launched, Watch.end, building._optimized, Machine.build)
+
+    def __init__(self, at):
+        self.left, self.codes = at, {function.__code__ for function in self.WATCHED}
+
+    def __call__(self, frame, event, _):
+        if frame.f_code not in self.codes:
+            return None
+        entered = set()
+
+        def follow(frame, event, _):
+            if event == "line" and not hears_nothing(frame, entered):
+                self.left -= 1
+                if self.left == 0:
+                    raise KeyboardInterrupt
+            return follow
+
+        return follow
+
+
+def test_ctrl_c_at_any_line_of_the_second_build(hurried, monkeypatch):
+    """The next call, of another thread, makes the build again; then the kernel is one like others."""
+    kernel, pays = hurried
+    expected, few = by_numpy(X), by_numpy(X[:60])
+    pays(True)
+    kernel(X)
+    optimized = kernel._executable.program  # the driver need not build it again
+    for at in range(1, 1000):
+        monkeypatch.setattr(kernels, "_executables", {})
+        kernel, interrupts = sh.Program(curve.recorded).compile("opencl"), Interrupts(at)
+        assert HURRIED in kernel.notes
+        sys.settrace(interrupts)
+        try:
+            kernel(X if at % 2 else X[:60])
+        except KeyboardInterrupt:
+            pass
+        finally:
+            sys.settrace(None)
+        if interrupts.left > 0:
+            break
+        answers = []
+        thread = threading.Thread(target=lambda: answers.extend((kernel(X), kernel(X[:60]))))  # noqa: B023
+        thread.start()
+        thread.join()
+        np.testing.assert_array_equal(answers[0], expected)
+        np.testing.assert_array_equal(answers[1], few)
+        assert HURRIED not in kernel.notes, at
+        assert kernel._executable.program is optimized
+        assert not kernel._executable.pace.watches
+    assert at > 25
+
+
+def test_a_run_that_is_bound_while_another_thread_replaces_the_program_is_of_the_second(hurried, monkeypatch):
+    kernel, pays = hurried
+    executable, make, programs = kernel._executable, OpenCLExecutable._spare_kernel, []
+
+    def renewed_meanwhile(self, *args):
+        compiled = make(self, *args)
+        if HURRIED in kernel.notes:
+            pays(True)
+            kernel(X[:60])
+        return compiled
+
+    cl = executable.machine.cl
+    enqueue = cl.enqueue_nd_range_kernel
+
+    def program_of(compiled):
+        return compiled.get_info(cl.kernel_info.PROGRAM).int_ptr
+
+    def noted(queue, compiled, *args):
+        programs.append(program_of(compiled))
+        return enqueue(queue, compiled, *args)
+
+    monkeypatch.setattr(OpenCLExecutable, "_spare_kernel", renewed_meanwhile)
+    monkeypatch.setattr(cl, "enqueue_nd_range_kernel", noted)
+    chain = sh.repeat(kernel, 3)
+    chain.run(x=X)
+    np.testing.assert_array_equal(chain.run(x=X).streams["x"].numpy(), by_numpy(by_numpy(by_numpy(X))))
+    assert programs[-1] == program_of(executable.compiled)
+
+
+@pytest.fixture
+def eager(monkeypatch):
+    monkeypatch.setenv("SHPY_BACKEND", "auto")
+    for name, value in EAGER.items():
+        monkeypatch.setattr(tiers, name, value)
+
+
+@pytest.mark.usefixtures("eager")
+def test_auto_goes_on_with_a_hurried_build_and_then_with_the_second(hurried):
+    _, pays = hurried
+    many = np.tile(X, 14)
+    expected, kernel = by_numpy(many), sh.Program(curve.recorded).compile("auto")
+    for second in (False, False, True, True):
+        pays(second)
+        np.testing.assert_array_equal(kernel(many), expected)
+        assert kernel.runs_on == "opencl"
+        assert (HURRIED in kernel.notes) is not second
+
+
+@pytest.mark.usefixtures("eager")
+def test_auto_compares_numpy_with_the_optimized_build(hurried, monkeypatch):
+    _, pays = hurried
+    monkeypatch.setattr(tiers, "_TRIED", 2)
+    kernel, many = sh.Program(curve.recorded).compile("auto"), np.tile(X, 14)
+    kernel(many)
+    kernel._executable._seconds = 1e-9  # of numpy: any build takes longer
+    for _ in range(4):
+        kernel(many)
+    assert kernel.runs_on == "opencl"
+    pays(True)
+    for _ in range(3):
+        kernel(many)
+    assert (kernel.runs_on, kernel.notes[-1]) == ("numpy", "runs on numpy: opencl is slower here")
+
+
+DISTURBED = """
+import os, signal, sys, threading, numpy as np, shpy as sh
+from shpy.backend.device.pace import Watch
+from shpy.backend.opencl.device import building
+from shpy.backend.opencl.device.driver import Machine
+from shpy.backend.opencl.device.run import HURRIED
+pays, inside, goes_on, build = [False], threading.Event(), threading.Event(), Machine.build
+building.LARGE, Machine.hurries = 1, True
+Watch.pays = property(lambda watch: watch.watches and pays[0])
+
+@sh.program
+def f(x: sh.Attrib1f):
+    return sh.sin(x) * 3
+
+x = np.linspace(0, 1, 100_000, dtype=np.float32)
+numpy, kernel = f.compile("numpy"), f.compile("opencl")
+expected = numpy(x)
+same = lambda kernel: np.array_equal(kernel(x), expected)
+assert same(kernel) and HURRIED in kernel.notes
+
+def interrupted(machine, *args, **options):
+    os.kill(os.getpid(), signal.SIGINT)
+    return build(machine, *args, **options)
+
+Machine.build, pays[0] = interrupted, True
+try:
+    kernel(x)
+    print("not interrupted")
+except KeyboardInterrupt:
+    print("interrupted", HURRIED in kernel.notes)
+
+def lasting(machine, *args, **options):
+    inside.set()
+    goes_on.wait()
+    return build(machine, *args, **options)
+
+Machine.build = lasting
+thread = threading.Thread(target=kernel, args=[x])
+thread.start()
+inside.wait()
+child = os.fork()
+if not child:
+    signal.alarm(30)
+    try:
+        kernel(x)
+    except sh.BackendUnavailable as error:
+        sys.exit(7 if same(numpy) and "forked" in str(error) else 1)
+    sys.exit(2)
+print("child", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+goes_on.set()
+thread.join()
+print("at last", same(kernel), HURRIED in kernel.notes)
+"""
+
+
+def test_ctrl_c_and_forks_during_the_second_build():
+    ran = subprocess.run(
+        [sys.executable, "-c", DISTURBED],
+        env={**os.environ, "SHPY_CACHE_DIR": ""},
+        capture_output=True,
+        text=True,
+        timeout=HANGING,
+        check=False,
+    )
+    assert (ran.stdout, ran.stderr) == ("interrupted True\nchild 7\nat last True False\n", "")
 
 
 def test_a_scene_has_the_same_picture_with_both_builds(monkeypatch):
