@@ -55,6 +55,10 @@ class Pace:
         elif seconds < _ANSWER / 4:  # the machine was busy with something else
             self.rays, self.seconds, self.plain = rays, None, False
 
+    def forget(self) -> None:
+        """Know nothing of the times of pictures."""
+        self.rays, self.seconds, self.plain = _SMALLEST**2, None, False
+
     def count(self, seconds: float) -> int:
         """Return how many rays take this many seconds, at the speed of the last picture."""
         return self.rays if self.seconds is None else round(self.rays * min(seconds / self.seconds, 4.0))
@@ -156,14 +160,24 @@ class Refinement:
 
     def _first(self) -> Piece:
         """Render the whole picture, at the largest size that takes a short time."""
-        small, plain, begun = self._small(), self._pace.plain, time.perf_counter()
+        small, plain, notes = self._small(), self._pace.plain, self._notes
+        begun = time.perf_counter()
         with _plain(self._renderer) if plain else nullcontext():
             self.layers = self._renderer.rows(small, 0, small[1], camera=self.camera, samples=1)
         seconds = time.perf_counter() - begun
-        self._pace.learn(small[0] * small[1], seconds, smallest=max(small) <= _SMALLEST)
+        if self._notes == notes:
+            self._pace.learn(small[0] * small[1], seconds, smallest=max(small) <= _SMALLEST)
+        else:  # the driver has optimized the kernel meanwhile: times of before say nothing
+            self._pace.forget()
         self.shown = np.zeros((small[1], small[0], 4), np.uint8)
         self._develop(0, small[1])
         return Piece(plain or small != self.size, 1, 1.0, seconds, plain)
+
+    @property
+    def _notes(self) -> tuple[str, ...]:
+        """The notes of the kernel."""
+        kernel = self._renderer.kernel
+        return () if kernel is None else kernel.notes
 
     def _enlarge(self) -> None:
         """Enlarge the coarse picture to the full size, to be shown until its rows are computed."""

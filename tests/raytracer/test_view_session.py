@@ -4,6 +4,7 @@ import argparse
 import math
 import threading
 import time
+import types
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from PIL import Image as pillow
 import raytracer as rt
 from raytracer import viewing
 from raytracer.cli import _parser
+from raytracer.integrators.layers import unset
 from raytracer.integrators.renderer import Renderer
 from raytracer.view import refining
 from raytracer.view.command import file_of, options_of, request_of
@@ -133,6 +135,23 @@ def test_a_coarse_picture_comes_first_where_all_pixels_take_long(session):
     assert [step.samples for step in steps if step.share == 1.0 and not step.coarse] == [1, 4]
     once = list(Refinement(renderer, Pace(rays=48 * 48, seconds=10.0), (96, 64), renderer.scene.camera, at_once=True))
     assert [step.coarse for step in once] == [True]
+
+
+def test_the_time_of_a_picture_that_waited_for_the_optimized_kernel_is_forgotten(monkeypatch):
+    kernel, now = types.SimpleNamespace(notes=("not optimized",)), [0.0]
+
+    def rows(size, top, count, **_):
+        now[0] += 2.0 if kernel.notes else 0.01
+        kernel.notes = ()
+        return unset(size[0], count)
+
+    monkeypatch.setattr(refining, "time", types.SimpleNamespace(perf_counter=lambda: now[0]))
+    renderer = types.SimpleNamespace(kernel=kernel, rows=rows, integrator=rt.Whitted(), params={})
+    pace = Pace(seconds=0.06)
+    for expected in (None, 0.01):
+        piece = next(Refinement(renderer, pace, (96, 64), None, at_once=True))
+        assert piece.coarse
+        assert (pace.seconds and round(pace.seconds, 3), pace.plain) == (expected, False)
 
 
 def test_a_path_traced_picture_is_refined_to_the_bits_of_render():
