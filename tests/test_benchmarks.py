@@ -54,6 +54,7 @@ def test_rays_find_the_same_on_every_backend(name, mesh):
     assert {n: a.text for n, a in measured.agreement.items() if not a.same} == {}
 
 
+@pytest.mark.slow  # rays of each kind run in every run
 def test_frames_are_the_same_on_every_backend(mesh):
     (work,) = command.works(["frame-1024"], mesh)
     measured = rounds.run(work, 16, [*TARGETS], rounds=0)

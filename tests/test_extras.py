@@ -192,7 +192,7 @@ def test_every_extra_is_used():
     assert set(CODE) == {"", *EXTRAS} - NOT_FOR_USERS
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("extra", CODE)
 def test_an_extra_alone_does_what_the_documents_say(extra, tmp_path):
     use(linked(tmp_path / "environment", extra), tmp_path, extra)
@@ -234,7 +234,7 @@ def core(tmp_path_factory):
     return linked(folder / "environment", ""), folder
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("feature", LACKING)
 def test_what_the_core_lacks_is_named_with_the_command_that_installs_it(feature, core):
     python, folder = core

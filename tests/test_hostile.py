@@ -172,7 +172,7 @@ LIES = {
     "line 16777217: a text has at most 16,777,216 characters": "\n" * 20_000_000,
     "an array has at least one element": text("  var $a.1: f[-3]\n  store $y.0 = %x.0"),
     "a table is not empty": text(head="table t: f[0]\n"),
-    "regions are nested more than 64 deep": wrapped("  if %1 {\n", "  }\n", 20_000, "  store $y.0 = %x.0\n"),
+    "regions are nested more than 64 deep": wrapped("  if %1 {\n", "  }\n", 4_000, "  store $y.0 = %x.0\n"),
     "loops are nested more than 12 deep": wrapped("  loop {\n", "  break\n  }\n", 40, "").replace(
         "  break\n  }\n}", "  }\n}"
     ),

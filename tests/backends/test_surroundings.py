@@ -59,7 +59,7 @@ def test_borders(lanes: int, wraps: str) -> None:
             assert np.array_equal(answer, moved(field, shape, by, shape if wraps else None)), (shape, by)
 
 
-@pytest.mark.sampled(9)
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("wraps", ["", "grid", "table", "other"])
 @pytest.mark.parametrize("sides", [((6, 150), (6, 150)), ((6, 150), (9, 70)), ((6, 150), (3, 300)), ((1, 1), (5, 64))])
 @pytest.mark.parametrize("lanes", [4, 16, 64])
