@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from backends.running import BACKENDS, LANES, PACKETS, TARGETS, TILES, WIDE, differs
+from backends.running import LANES, PACKETS, TARGETS, TILES, WIDE, differs
 from property.evaluate import evaluated
 from stress.mode import stressed
 
@@ -18,7 +18,7 @@ from shpy.ir.nodes import Let
 from shpy.ir.ops import MADE_BY_PASSES, OPS, STRUCTURAL, TRANSCENDENTALS
 from shpy.ir.traverse import walk
 from shpy.testing.conformance import operations, zeros
-from shpy.testing.conformance.cases import THIN, Case
+from shpy.testing.conformance.cases import INTERPRETED, THIN, Case
 from shpy.testing.conformance.catalogue import all_cases
 from shpy.testing.conformance.control import BRANCHES, LOOPS
 from shpy.testing.generated.syntax import Tree
@@ -49,20 +49,33 @@ def test_every_operation_is_in_the_list() -> None:
     assert found == set(OPS) | set(STRUCTURAL) - MADE_BY_PASSES
 
 
-@pytest.mark.sampled(3)
-@each(CASES)
+@pytest.mark.sampled(4)
+@each(STRUCTURED)
 def test_targets_agree_with_the_interpreter(case: Case) -> None:
     """Run a case on all targets but OpenCL, which the next tests run; how many are in a tile of numpy does not matter.
 
-    A case is one test, not one for each target: pytest takes milliseconds for each of thousands. The interpreter is
-    its own reference but for cases with a meaning.
+    A case is one test, not one for each target: pytest takes milliseconds for each of thousands.
     """
-    for target in (name for name in BACKENDS if name != "opencl" and (case.meaning or name != "interpreter")):
-        agree(case, target)
-    for width in TILES if case in STRUCTURED else ():
+    agree(case, "prepared")
+    agree_on_numpy_and_glsl(case)
+    for width in TILES:
         case.check(case.run(width), width)
     if case.expected is not None:
         is_expected(case)
+
+
+@pytest.mark.sampled(6)
+@each(operations.ROWS)
+def test_targets_agree_with_the_meaning_of_an_operation(case: Case) -> None:
+    """The reference is the row's meaning: the interpreter runs half of the rows as recorded, the others as prepared."""
+    agree(case, INTERPRETED[drawn(case) // 2 % 2])
+    agree_on_numpy_and_glsl(case)
+
+
+def agree_on_numpy_and_glsl(case: Case) -> None:
+    """One of the two is disturbed; the generated programs, chains and collectives are on both."""
+    for number, target in enumerate(("numpy", "glsl")):
+        agree(case, target, disturbed=drawn(case) % 2 == number)
 
 
 def exits(case: Case) -> tuple[str, str] | None:
@@ -92,7 +105,7 @@ def test_opencl_agrees_on_the_other_exits_and_types(case: Case) -> None:
     agree(case, "opencl")
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @each([case for case in STRUCTURED if case not in SELDOM])
 def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
     """Each case takes one of the widths: the elements in a packet are independent.
@@ -107,22 +120,22 @@ RARELY_WIDE = ("opencl-1", "opencl-16", "opencl-1", "opencl")
 """One lane, as on a GPU, at every other case; a fourth at the width that a program gets by itself, which may be 64."""
 
 
-@pytest.mark.sampled(24)  # its driver compiles each for half a second; `test_packet_operations.py` has all in few
-@pytest.mark.parametrize("part", range(24))
+@pytest.mark.sampled(48)  # its driver compiles each for half a second; `test_packet_operations.py` has all in few
+@pytest.mark.parametrize("part", range(48))
 def test_operations_by_themselves_agree_on_opencl(part: int) -> None:
     """One lane is what a GPU runs. Its compiler derives numbers too; `python -m tests.drivers` runs the whole list."""
-    for case in operations.ROWS[part::24]:
+    for case in operations.ROWS[part::48]:
         agree(case, RARELY_WIDE[drawn(case) % 4])
 
 
-def agree(case: Case, target: str) -> None:
+def agree(case: Case, target: str, *, disturbed: bool = True) -> None:
     backend = target.partition("-")[0]
     if backend in case.refused:
         with pytest.raises(sh.CompileError, match=case.refused[backend]):
             case.run(target)
         return
     case.check(case.run(target), target)
-    if backend in TARGETS:
+    if disturbed and backend in TARGETS:
         with stressed(drawn(case)):
             case.check(case.run(target), target)
 
@@ -165,11 +178,11 @@ def agree_in_portable_mode(case: Case) -> None:
 OUT_OF_RANGE = "is out of the range of f at precision f16"
 
 
-@pytest.mark.sampled(50)
-@pytest.mark.parametrize("part", range(50))
+@pytest.mark.sampled(100)
+@pytest.mark.parametrize("part", range(100))
 def test_other_working_precisions_agree_with_the_interpreter(part: int) -> None:
     for precision in ("f16", "f64"):
-        for case in [case for case in CASES if "precision" not in case.options and not case.meaning][part::50]:
+        for case in [case for case in CASES if "precision" not in case.options and not case.meaning][part::100]:
             agree_at(precision, case)
 
 
@@ -230,7 +243,7 @@ def is_expected(case: Case) -> None:
         assert not len(wrong), f"element {wrong[0]}: {found[tuple(wrong[0])]!r}, not {whole[tuple(wrong[0])]!r}"
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("part", range(16))
 def test_text_is_read_back_as_the_same_module(part: int) -> None:
     for case in CASES[part::16]:

@@ -54,14 +54,6 @@ def forked(job):
 """
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _answers_stay(tmp_path_factory):
-    """Keep what a process finds out about a driver: the next one would take half a second to ask again."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SHPY_CACHE_DIR", str(tmp_path_factory.mktemp("answers")))
-        yield
-
-
 def run(tmp_path, text, **options):
     script = tmp_path / "script.py"
     script.write_text(HEAD + FORKED + textwrap.dedent(text))

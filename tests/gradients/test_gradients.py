@@ -216,7 +216,7 @@ def program_of(f: Any, sizes: tuple[int, ...], mode: Any = None) -> sh.Program:
     return program
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_gradients_of_programs(name: str) -> None:
     f, sizes = PROGRAMS[name]

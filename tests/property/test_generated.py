@@ -1,6 +1,6 @@
 """Generated programs agree on the interpreter, before and after the passes, on numpy, OpenCL and GLSL, bit by bit.
 
-60 in every run, each on one width of OpenCL and on GLSL: shard after shard the next.
+28 in every run, each on one width of OpenCL and on GLSL.
 460 more, and 6,300 on all of these, are `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or
 f16, where the interpreter is the reference. A failure prints the program as text that a person can run, the element and
 both answers.
@@ -26,6 +26,8 @@ from shpy.testing.generated.syntax import Block, Do, Exit, For, If, Tree, While
 INPUTS = elements(24)
 RUN = 10
 """Programs of one run of Hypothesis. From the eleventh on it repeats parts of earlier ones, five times each."""
+FEW = 7
+"""Programs of one run of Hypothesis in every run of the tests."""
 PARTS = range(2)
 """Runs of a shard."""
 
@@ -41,14 +43,20 @@ quietly = settings(
 
 
 def agree(
-    shard: int, part: int, backends: tuple[str, ...], *, endless: bool = False, precision: Precision = "f32"
+    shard: int,
+    part: int,
+    backends: tuple[str, ...],
+    *,
+    endless: bool = False,
+    precision: Precision = "f32",
+    programs: int = RUN,
 ) -> None:
-    """9 programs of their own for each part of each number, and the simplest one.
+    """All but one of the programs are of their own for each part of each number, and one is the simplest.
 
     In every third shard a driver's compiler can derive numbers.
     """
 
-    @quietly
+    @settings(quietly, max_examples=programs)
     @given(trees(endless=endless, derives=shard % 3 == 2))
     def run(program: Tree) -> None:
         check(program, INPUTS, backends, precision)
@@ -69,24 +77,24 @@ def rotated(shard: int) -> tuple[str, ...]:
 @each_part
 @pytest.mark.parametrize("shard", range(12))
 def test_programs_agree(shard: int, part: int) -> None:
-    agree(shard, part, rotated(shard))
+    agree(shard, part, rotated(shard), programs=FEW)
 
 
 @pytest.mark.sampled(12)
 @each_part
 @pytest.mark.parametrize("shard", range(6))
 def test_programs_with_loops_beyond_their_limit_agree(shard: int, part: int) -> None:
-    agree(shard, part, rotated(shard), endless=True)
+    agree(shard, part, rotated(shard), endless=True, programs=FEW)
 
 
 CONSTANT = (("a",), ("n", "h"), ("a", "v"), ("a", "v", "n"), ("v", "n", "h"), ("h",))
 """Inputs that become constants of a program."""
 
 
-def agree_specialized(shard: int, part: int, backends: tuple[str, ...]) -> None:
-    """9 programs for each part of each number, in which some inputs and every uniform are constants."""
+def agree_specialized(shard: int, part: int, backends: tuple[str, ...], programs: int = RUN) -> None:
+    """Programs in which some inputs and every uniform are constants."""
 
-    @quietly
+    @settings(quietly, max_examples=programs)
     @given(trees(), integers(0, len(INPUTS[0]) - 1))
     def run(program: Tree, first: int) -> None:
         check(program, [np.roll(a, -first, axis=0) for a in INPUTS], backends, constant=CONSTANT[shard % len(CONSTANT)])
@@ -98,7 +106,7 @@ def agree_specialized(shard: int, part: int, backends: tuple[str, ...]) -> None:
 @each_part
 @pytest.mark.parametrize("shard", range(6))
 def test_specialized_programs_agree(shard: int, part: int) -> None:
-    agree_specialized(shard, part, ("prepared", "numpy", *["glsl"] * (shard % 3 == 0)))
+    agree_specialized(shard, part, ("prepared", "numpy", *["glsl"] * (shard % 3 == 0)), FEW)
 
 
 @pytest.mark.slow
@@ -112,7 +120,8 @@ def test_many_specialized_programs_agree(shard: int) -> None:
 @each_part
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_programs_agree_at_other_precisions(precision: Precision, part: int) -> None:
-    agree(0, part, narrowed(precision, ("opencl-8",)), precision=precision)
+    """At one lane; the conformance list is at other widths, and `-m slow` has these at all of them."""
+    agree(0, part, narrowed(precision, ("opencl-1",)), precision=precision, programs=FEW)
 
 
 def narrowed(precision: Precision, opencl: tuple[str, ...]) -> tuple[str, ...]:

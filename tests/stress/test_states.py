@@ -238,9 +238,9 @@ def machine(kind, examples, steps):
     return Case
 
 
-TestOnNumpy = machine(OnNumpy, 40, 50)
-TestOnOpenCL = machine(OnOpenCL, 30, 50)
-TestOnGlsl = machine(OnGlsl, 20, 50)
+TestOnNumpy = machine(OnNumpy, 20, 50)
+TestOnOpenCL = machine(OnOpenCL, 15, 50)
+TestOnGlsl = machine(OnGlsl, 10, 50)
 
 
 @pytest.mark.slow
