@@ -34,6 +34,7 @@ from raytracer import (
     cli,
     render,
 )
+from raytracer.animation import animate
 from raytracer.cluster import connection, tasks
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
@@ -61,11 +62,22 @@ def test_pictures_have_the_bits_of_one_process(client):
 
 
 @pytest.mark.slow
-def test_workers_share_the_triangles_of_instances(client):
+def test_workers_share_the_triangles_of_instances(client, tmp_path):
     ball = icosahedron(0.4)
-    scene = Scene([Instance(ball, np.eye(4) + np.diag([x], 3)) for x in (-1.0, 0.0, 1.0)], [PointLight((1, 3, 2))])
+
+    def make(time):
+        places = (-1.0, 3 * time, 1.0)
+        return Scene([Instance(ball, np.eye(4) + np.diag([x], 3)) for x in places], [PointLight((1, 3, 2))])
+
     options = {"integrator": Whitted(accel="instances"), "backend": "numpy"}
-    assert_same(render(scene, (16, 9), cluster=client, **options), render(scene, (16, 9), **options))
+    assert_same(render(make(0), (16, 9), cluster=client, **options), render(make(0), (16, 9), **options))
+    for folder, cluster in (("here", None), ("workers", client)):
+        assert list(animate(make, tmp_path / folder, 5, fps=10, size=(16, 9), cluster=cluster, **options)) == [
+            *range(1, 6)
+        ]
+    pictures = [[path.read_bytes() for path in sorted((tmp_path / name).iterdir())] for name in ("here", "workers")]
+    assert pictures[0] == pictures[1]
+    assert len(set(pictures[0])) == 5
 
 
 @pytest.mark.slow

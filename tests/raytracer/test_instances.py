@@ -79,18 +79,21 @@ def scene():
 
 @pytest.fixture(scope="module", params=["whitted", pytest.param("path", marks=pytest.mark.slow)])
 def pictures(request, scene):
-    """An integrator's picture of triangles of their own, on numpy, and those of instances on all backends."""
+    """An integrator's picture of triangles of their own, on numpy, and those of instances on all backends.
+
+    They are transparent: the eye sees nothing behind holes of instances.
+    """
     integrator = INTEGRATORS[request.param]
-    plain = render(scene, SIZE, integrator=integrator(accel="bvh"), backend="numpy")
-    both = integrator(accel="instances")
-    return plain, {backend: render(scene, SIZE, integrator=both, backend=backend) for backend in BACKENDS}
+    plain = render(scene, SIZE, integrator=integrator(accel="bvh"), backend="numpy", transparent=True)
+    both = {"integrator": integrator(accel="instances"), "transparent": True}
+    return plain, {backend: render(scene, SIZE, **both, backend=backend) for backend in BACKENDS}
 
 
 @pytest.mark.slow
 def test_pictures_have_the_same_bits_on_all_backends(pictures):
     _, shared = pictures
     for backend in BACKENDS[1:]:
-        for name in ("pixels", "depth", "normal", "object_id", "rays"):
+        for name in ("pixels", "alpha", "depth", "normal", "object_id", "rays"):
             np.testing.assert_array_equal(getattr(shared[backend], name), getattr(shared["numpy"], name), name)
 
 
@@ -100,6 +103,8 @@ def test_pictures_are_those_of_triangles_of_their_own(pictures):
     seen = plain.object_id >= 0
     assert len(np.unique(plain.object_id)) > 18
     assert np.count_nonzero(plain.object_id != picture.object_id) <= 1
+    assert np.count_nonzero(plain.alpha != picture.alpha) <= 1
+    assert set(np.unique(picture.alpha)) == {0, 1}
     assert np.count_nonzero(np.abs(plain.pixels - picture.pixels).max(axis=-1) > 1e-3) <= 1  # edges of shadows
     same = seen & (plain.object_id == picture.object_id)
     np.testing.assert_allclose(picture.depth[same], plain.depth[same], rtol=1e-6)

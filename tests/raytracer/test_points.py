@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer import Camera, Material, Path, Renderer, Scene, SceneError, render
+from raytracer import Camera, EnvironmentLight, Material, Path, Renderer, Scene, SceneError, Texture, render
 from raytracer.kernels.emitters import EVERYWHERE, BrightCells, aimed_weights
 from raytracer.kernels.points import part_of, reversed_bits, sobol_pair
 from raytracer.meshes.shapes import box, floor
@@ -109,6 +109,22 @@ def test_rays_are_aimed_at_what_is_brighter_than_the_mean():
     for even in (0.0, 3.0):
         weights = aimed_weights(np.full((2, 4), even))
         assert weights.min() == weights.max() > 0
+
+
+def test_a_wall_has_the_light_of_the_half_of_a_turned_environment_that_it_faces():
+    """In a transparent picture, by parts of it, and by samples that are continued; each texel is an eighth."""
+    sky = np.array([[1, 30, 2, 5], [3, 0, 7, 1.0]])
+    light = EnvironmentLight(Texture(np.repeat(sky[..., None], 3, axis=2), filter="nearest"), 90, 1.5)
+    white = Material((1, 1, 1), diffuse=1, specular=0)
+    wall = Scene([box((9, 9, 1), white).moved((0, 0, -0.5))], [light], Camera((0, 0, 4), (0, 0, 0), fov=30))
+    size, renderer = (24, 16), Renderer(wall, integrator=Path(samples=8, bounces=1), backend="numpy")
+    whole = renderer.render(size, transparent=True)
+    assert whole.alpha.min() == 1
+    assert whole.pixels.mean() == pytest.approx(1.5 * sky[:, :2].mean(), rel=0.01)
+    part = renderer.render(size, samples=3, transparent=True)
+    rows = [renderer.rows(size, top, 8, transparent=True)["pixels"] for top in (0, 8)]
+    for other in (renderer.render(size, resume=part, transparent=True).pixels, np.concatenate(rows)):
+        np.testing.assert_array_equal(other, whole.pixels)
 
 
 @pytest.mark.slow
