@@ -22,7 +22,7 @@ from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughne
 from raytracer.appearance.textures import Texture
 from raytracer.appearance.unlit import Unlit
 from raytracer.arrays import real
-from raytracer.meshes.folder import Notices
+from raytracer.meshes.folder import Notices, shown
 from raytracer.meshes.lines import name_of, plain, without_comment
 from raytracer.meshes.pictures import Picture
 
@@ -360,16 +360,27 @@ def _color(factor: Triple, picture: Picture | None) -> Triple | Texture:
 def _number(words: Mapping[str, list[str]], name: str, default: float) -> float:
     """Return the last number of a statement; the default where it is missing."""
     arguments = words.get(name, [])
-    return real(arguments[-1]) if arguments else default
+    return _real(name, arguments[-1]) if arguments else default
+
+
+def _real(name: str, word: str) -> float:
+    """Return the number of a statement's word; a ValueError names both where it is none, or not finite."""
+    try:
+        number = real(word)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(f"{name.capitalize()} has {shown(word)}, which is not a finite number")
+    return number
 
 
 def _rgb(words: Mapping[str, list[str]], name: str, default: float) -> Triple:
     """Return the colour of a statement; one number stands for three."""
-    channels = [real(word) for word in words[name]] if name in words else [default]
+    channels = [_real(name, word) for word in words[name]] if name in words else [default]
     if len(channels) == 1:
         channels *= 3
     if len(channels) != 3 or not all(0 <= x < np.inf for x in channels):
-        raise ValueError(f"{name} of a material is three numbers, not {words.get(name)}")
+        raise ValueError(f"{name.capitalize()} is three numbers, each 0 or more, not {' '.join(words[name])}")
     return (channels[0], channels[1], channels[2])
 
 

@@ -174,10 +174,27 @@ def test_wrong_lines_are_named(tmp_path, text, words):
 def test_materials_that_make_no_sense_leave_the_shape(chair):
     (chair.parent / "chair parts.mtl").write_text(MTL.replace("Kd 1 0.5 0.25", "Kd spectral wood.rfl"))
     with (
-        pytest.warns(sh.ShpyWarning, match=r"material wood \(could not convert string to float: 'spectral'\)"),
+        pytest.warns(sh.ShpyWarning, match=r"material wood \(Kd has spectral, which is not a finite number\)"),
         pytest.warns(sh.ShpyWarning, match="ignored: "),
     ):
         assert Scene.load(chair).meshes[0].material == CLAY
+
+
+@pytest.mark.parametrize(
+    ("statement", "cause"),
+    [
+        ("Pr nan", "Pr has nan, which is not a finite number"),
+        ("Pm 1e999", "Pm has 1e999, which is not a finite number"),
+        ("Kd 1 2", "Kd is three numbers, each 0 or more, not 1 2"),
+        ("Ke 1 -1 1", "Ke is three numbers, each 0 or more, not 1 -1 1"),
+    ],
+)
+def test_numbers_of_materials_that_are_none_are_named(tmp_path, statement, cause):
+    (tmp_path / "one.mtl").write_text(f"newmtl a\nKd 1 1 1\n{statement}\n")
+    path = tmp_path / "one.obj"
+    path.write_text("mtllib one.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
+    with pytest.raises(SceneError, match=cause):
+        Scene.load(path, strict=True)
 
 
 def test_names_of_materials_without_a_library(tmp_path):
