@@ -201,7 +201,9 @@ def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.fl
         raise SceneError(f"{name} has at most {LARGEST} pixels along a side, not {pixels.shape[1]} x {pixels.shape[0]}")
     whole = pixels.dtype.kind in "iub"
     if pixels.dtype.kind not in "iubf" or (whole and pixels.dtype != np.uint8):
-        raise SceneError(f"{name} holds floats or uint8, not {pixels.dtype}")
+        cures = {"bool": ": write array.astype(float)", "uint16": ": write array / 65535, and srgb=True for colours"}
+        cure = cures.get(str(pixels.dtype), ": write array.astype(np.uint8)" if whole else "")
+        raise SceneError(f"{name} holds floats or uint8, not {pixels.dtype}{cure}")
     encoded = whole if srgb is None else srgb
     if not whole and not ((pixels[..., :3] >= 0) & (pixels[..., :3] <= _BRIGHTEST)).all():
         raise SceneError(f"{name} holds numbers that are negative, not finite, or out of the range of binary32")

@@ -170,9 +170,11 @@ def _check_model(material: AnyMaterial, gives: frozenset[str]) -> None:
     wrong = sorted(gives & set(OF_PHONG if layered else OF_LAYERS))
     if wrong:
         own, other = ("MetallicRoughness", "Material") if layered else ("Material", "MetallicRoughness")
+        verb = "belongs" if len(wrong) == 1 else "belong"
+        numbers = [f"{own}({name}=...)" for name in wrong if hasattr(material, name)]
         raise SceneError(
-            f"{place_of(material.surface)}: {', '.join(wrong)} of a Surface belong to a {other}, and this is the "
-            f"surface of a {own}: write {other}(surface=...)"
+            f"{place_of(material.surface)}: {', '.join(wrong)} of a Surface {verb} to a {other}, and this is the "
+            f"surface of a {own}: write {' or '.join([f'{other}(surface=...)', *numbers])}"
         )
 
 

@@ -252,8 +252,11 @@ def test_programs_decide_layers():
         r"MetallicRoughness, and this is the surface of a Material: write MetallicRoughness\(surface=...\)",
     ):
         render(scene_of([ball(Material(surface=rings), 0)], Path()), (8, 6), integrator=Path(samples=4))
-    with pytest.raises(SceneError, match=r"shininess of a Surface belong to a Material, .* write Material\(surface"):
+    with pytest.raises(SceneError, match=r"shininess of a Surface belongs to a Material, .* Material\(surface=...\)$"):
         render(scene_of([ball(MetallicRoughness(surface=lambda hit: Surface(shininess=3)), 0)], Whitted()), (8, 6))
+    cure = r"write Material\(surface=...\) or MetallicRoughness\(transmission=...\)$"
+    with pytest.raises(SceneError, match=f"transmission of a Surface belongs to a Material, .*: {cure}"):
+        render(scene_of([ball(MetallicRoughness(surface=lambda hit: Surface(transmission=1)), 0)], Whitted()), (8, 6))
 
 
 def test_a_program_of_colours_serves_both_models():
