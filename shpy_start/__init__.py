@@ -100,8 +100,8 @@ def _open_device() -> None:
     The first build of a process takes PoCL 0.6 s, in which it needs no Python. Errors are for the main thread, which
     asks again.
     """
-    import shpy  # as a whole, first: two threads that import a package from both ends would wait for each other
-
+    # as a whole, first: two threads that import a package from both ends would wait for each other
+    shpy = importlib.import_module("shpy")  # by name, as `shpy` imports this package
     with suppress(Exception):
         shpy.default_backend(long=True)
 
