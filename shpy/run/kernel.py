@@ -25,9 +25,9 @@ from shpy.errors import BackendUnavailable, LoopLimitExceeded, ShpyError, ShpyTy
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic
 from shpy.ir.collector import uncollected
 from shpy.ir.constants import dtypes_at
+from shpy.ir.digest import digest
 from shpy.ir.metadata import NOTHING
 from shpy.ir.nodes import Let, Module, Status
-from shpy.ir.text import print_module
 from shpy.ir.traverse import grid_rank, walk
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture2D, TextureType
@@ -47,9 +47,9 @@ from shpy.run.tiers import QUICK, TieredExecutable, auto
 from shpy.streams.elements import InputLeaf
 from shpy.streams.stream import Place, Stream, streams_in
 
-_executables: dict[tuple[str, str, Options], Executable] = {}
+_executables: dict[tuple[str, bytes, Options], Executable] = {}
 _KEPT = 512
-_known_texts: WeakKeyDictionary[RecordedProgram, tuple[Module, str]] = WeakKeyDictionary()
+_shared_modules: WeakKeyDictionary[RecordedProgram, tuple[Module, bytes]] = WeakKeyDictionary()
 """The results of `_without_data`: a program is compiled for several backends, and again with other options."""
 
 
@@ -87,12 +87,12 @@ def forget_data(module: Module) -> Module:
     return replace(module, params=params, tables=tables)
 
 
-def _without_data(recorded: RecordedProgram) -> tuple[Module, str]:
-    """Return the module without what no kernel's text depends on, and its text, by which kernels are shared."""
-    entry = _known_texts.get(recorded)
+def _without_data(recorded: RecordedProgram) -> tuple[Module, bytes]:
+    """Return the module without what no kernel's text depends on, and its digest, by which kernels are shared."""
+    entry = _shared_modules.get(recorded)
     if entry is None:
         module = forget_data(recorded.module)
-        entry = _known_texts[recorded] = module, print_module(module)
+        entry = _shared_modules[recorded] = module, digest(module)
     return entry
 
 
@@ -109,8 +109,8 @@ class Kernel(Unchanging):
         self.recorded = recorded
         self.backend, self._target = backend.name, backend
         self.options = options
-        module, text = _without_data(recorded)
-        key = (backend.name, text, options)
+        module, shared = _without_data(recorded)
+        key = (backend.name, shared, options)
         dump("ir", recorded.module.name, lambda: str(recorded.module))
         executable = _executables.get(key)
         if executable is None:
