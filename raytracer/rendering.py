@@ -72,7 +72,8 @@ def render(
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
-    renderer = Renderer(scene, integrator=chosen_integrator, backend=backend, transparent=transparent)
+    kind = {"transparent": transparent, "primary": primary is not None}
+    renderer = Renderer(scene, integrator=chosen_integrator, backend=backend, **kind)
     return finish(renderer.render(size, progress=progress, resume=resume, primary=primary, transparent=transparent))
 
 

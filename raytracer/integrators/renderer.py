@@ -65,8 +65,8 @@ class Renderer:
     `integrator` is a `Whitted`, `Staged` or `Path`, or a name as in `render`, which also describes the `options`;
     `backend` is one of `sh.backends()`, None for the default one. `move` and `deform` change objects between pictures;
     `scene` is the scene of the last picture, and `builds` counts how often accelerators were built for all of it.
-    Threads that share one take turns. The kernel that is compiled at once is that of `transparent` pictures or of
-    others; one of the other kind is compiled with its first picture.
+    Threads that share one take turns. The kernel that is compiled at once is that of `transparent` pictures, of those
+    of a GBuffer (`primary`) or of others; one of another kind is compiled with its first picture.
     """
 
     def __init__(
@@ -76,6 +76,7 @@ class Renderer:
         integrator: Choice = "whitted",
         backend: str | None = None,
         transparent: bool = False,
+        primary: bool = False,
         **options: Unpack[Options],
     ) -> None:
         self.integrator = chosen(integrator, options)
@@ -93,7 +94,7 @@ class Renderer:
         self.turn = Turn()
         self._motion = Motion(scene.meshes)
         self._moving: tuple[int, ...] = ()
-        self._transparent = transparent
+        self._transparent, self._seen = transparent, primary
         self._prepare()
 
     def __deepcopy__(self, memo: Any) -> Renderer:
@@ -123,7 +124,7 @@ class Renderer:
         self.record_seconds = time.perf_counter() - started
         self._kinds: dict[tuple[Any, ...], dict[str, Any]] = {}
         assert scene.camera is not None  # a Scene sets its own camera by default
-        self._choose(scene.camera, transparent=self._transparent)
+        self._choose(scene.camera, self._seen and not isinstance(chosen, Path | Staged), self._transparent)
 
     @in_turn
     def move(self, name: str | int, transform: ArrayLike) -> None:

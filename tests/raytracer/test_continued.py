@@ -248,6 +248,7 @@ OUT_OF_PLACE = {
     "Renderer.scene": "Scene.meshes",
     "Renderer.integrator": "Path.seed",
     "Renderer.options": "Path.seed",
+    "Renderer.primary": "test_primary.py: not for Path",
     "LayeredCube.of.backend": "Renderer.backend",
     "LayeredCube.of.builder": "Renderer.backend",
     "render.scene": "Scene.meshes",
@@ -379,6 +380,7 @@ def test_a_picture_goes_on_to_the_bits_of_one_without_a_break(name, begun, whole
 
 @pytest.mark.sampled(180)
 @pytest.mark.parametrize("name", sorted(CHANGES.keys() - REFUSED))
+@pytest.mark.usefixtures("begun", "uncompiled")
 def test_another_picture_is_not_continued(name, begun):
     pieces = base()
     CHANGES[name](pieces)
@@ -431,11 +433,12 @@ def test_a_picture_is_known_again_in_another_process(before):
     assert subprocess.run([sys.executable, "-c", lines], **given).stdout.strip() == before
 
 
-def test_two_red_and_blue_programs_are_not_mixed():
+def test_two_red_and_blue_programs_are_not_mixed(monkeypatch):
     def scene(color):
         return Scene([floor(4, Material(surface=lambda hit: Surface(emission=color)))], camera=Camera((0, 3, 0.1)))
 
     red = render(scene((1, 0, 0)), (4, 3), integrator=Path(samples=1), backend="numpy")
+    monkeypatch.setattr(Renderer, "_choose", lambda *_, **__: None)  # it is refused before anything is drawn
     with pytest.raises(SceneError, match="they differ in: surface programs"):
         render(scene((0, 0, 1)), (4, 3), integrator=Path(samples=2), backend="numpy", resume=red)
 

@@ -146,6 +146,18 @@ def test_it_goes_with_every_accelerator_and_with_moved_objects(boxes):
     np.testing.assert_array_equal(renderer.render(SIZE).pixels, render(there, SIZE, backend="numpy").pixels)
 
 
+def test_no_kernel_of_eye_rays_is_compiled_for_a_buffer(boxes, monkeypatch):
+    compiled, own = [], Renderer._compiled
+
+    def noted(renderer, camera, seen, transparent):
+        compiled.append(seen)
+        return own(renderer, camera, seen, transparent)
+
+    monkeypatch.setattr(Renderer, "_compiled", noted)
+    render(BOXES, primary=boxes, backend="numpy")
+    assert compiled == [True]
+
+
 def test_a_scene_without_lights_and_a_buffer_without_surfaces(boxes):
     dark = dataclasses.replace(BOXES, lights=())
     check_like(render(dark, primary=boxes, backend="numpy"), render(dark, SIZE, backend="numpy"), 2e-4)
