@@ -112,6 +112,7 @@ def test_newton_reaches_the_roots():
     np.testing.assert_array_equal(kinds[:, 55], 0)  # the basin of the root 1, far to the right
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_mandelbrot(backend):
     m = example("mandelbrot")
@@ -178,6 +179,7 @@ def test_blur(backend):
     np.testing.assert_allclose(m.blurred(flat, 3, backend), flat, rtol=1e-6)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_life(backend):
     m = example("life")
@@ -192,6 +194,7 @@ def test_life(backend):
     np.testing.assert_array_equal(streams["age"], age)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_gray_scott(backend):
     m = example("gray_scott")
@@ -209,6 +212,7 @@ def test_gray_scott(backend):
     assert v.max() > 0.1
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_heat(backend):
     m = example("heat")
@@ -290,6 +294,7 @@ def test_textures(backend):
     assert stone[..., 0].mean() > stone[..., 2].mean() + 0.1
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_algebra(backend):
     m = example("algebra")

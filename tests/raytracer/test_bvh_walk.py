@@ -64,7 +64,7 @@ def test_hits_are_those_of_every_triangle(name, backend):
     assert not found.all()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", MESHES)
 def test_hits_are_those_of_the_grid(name):
     mesh = MESHES[name]

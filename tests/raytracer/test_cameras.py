@@ -62,7 +62,7 @@ def test_orthographic_rays_are_parallel():
 def test_a_panorama_shows_all_directions():
     camera = Camera(**AWRY, projection="panorama")
     radius = 2.0
-    found = places(camera, [sphere(radius, rings=200, segments=400).moved(AWRY["position"])], (32, 16))
+    found = places(camera, [sphere(radius, rings=24, segments=48).moved(AWRY["position"])], (32, 16))
     right, above, forward = camera.axes
     row, column = np.mgrid[:16, :32] + 0.5
     azimuth, height = 2 * np.pi * (column / 32 - 0.5), np.pi * (0.5 - row / 16)
@@ -184,8 +184,10 @@ def test_backends_bands_and_tracers_agree_to_the_last_bit(name, monkeypatch):
 
 def test_a_renderer_takes_cameras_of_every_kind():
     renderer = Renderer(scene_of(None), backend="numpy")
-    for camera in (*CAMERAS.values(), Camera((1, 3, 5)), *CAMERAS.values()):
-        same(renderer.render((16, 12), camera=camera), render(scene_of(camera), (16, 12), backend="numpy"))
+    cameras = (*CAMERAS.values(), Camera((1, 3, 5)))
+    expected = [render(scene_of(camera), (16, 12), backend="numpy") for camera in cameras]
+    for camera, picture in (*zip(cameras, expected, strict=True), *zip(CAMERAS.values(), expected, strict=False)):
+        same(renderer.render((16, 12), camera=camera), picture)
 
 
 @pytest.mark.sampled(2)

@@ -50,15 +50,19 @@ def assert_same(found, wanted):
     assert (found.samples, found.origin, found.stats.rays) == (wanted.samples, wanted.origin, wanted.stats.rays)
 
 
-def test_pictures_have_the_bits_of_one_process(client):
-    for name, integrator in (
+@pytest.mark.parametrize(
+    ("name", "integrator"),
+    [
         ("boxes", Whitted(samples=4, accel="grid", precision="f64")),
-        ("boxes", Staged(samples=4)),
+        pytest.param("boxes", Staged(samples=4), marks=pytest.mark.slow),
         ("cornell", Path(samples=5, seed=5)),
-    ):
-        scene = Scene.builtin(name)
-        given = {"integrator": integrator, "backend": "numpy"}
-        assert_same(render(scene, (16, 9), cluster=client, **given), render(scene, (16, 9), **given))
+    ],
+    ids=["whitted", "staged", "path"],
+)
+def test_pictures_have_the_bits_of_one_process(client, name, integrator):
+    scene = Scene.builtin(name)
+    options = {"integrator": integrator, "backend": "numpy"}
+    assert_same(render(scene, (16, 9), cluster=client, **options), render(scene, (16, 9), **options))
 
 
 @pytest.mark.slow

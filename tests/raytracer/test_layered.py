@@ -59,6 +59,7 @@ def test_every_backend_gives_the_same_samples(conservative):
             np.testing.assert_array_equal(bits, expected, name)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("conservative", [False, True])
 def test_peeling_gives_the_same_samples(conservative):
     """Also of surfaces that lie in each other, and in every image."""
@@ -220,7 +221,7 @@ def test_a_ray_beside_a_surface_hits_its_samples_up_to_the_tolerance(height):
     assert (hits.triangle[2 * len(inside) :] == -1).all()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("hit", ["sample", "plane"])
 def test_approximate_hits_come_nearer_with_the_resolution(hit):
     origins, directions = (part[1::3] for part in rays(CLOSED["ball"], 9000))
@@ -255,6 +256,7 @@ def test_no_ray_leaves_a_closed_convex_mesh(name):
         assert Intersector(mesh, cube, "opencl").occluded(origins, directions).all(), resolution
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("hit", ["triangle", "sample", "plane"])
 def test_a_ray_that_misses_the_box_of_a_cube_hits_nothing(hit):
     rng = np.random.default_rng(8)
@@ -309,12 +311,12 @@ def test_pictures_and_the_command(tmp_path):
     """Exact where hits are, by the command and by a cube; the features say so."""
     scene = Scene.builtin("boxes")
     path = tmp_path / "boxes.npy"
-    command = ["render", "boxes", "--size", "40x30", "--backend", "numpy", "--accel", "ldc:64:triangle"]
+    command = ["render", "boxes", "--size", "24x18", "--backend", "numpy", "--accel", "ldc:64:triangle"]
     assert cli.main([*command, "-o", str(path)]) == 0
-    exact = render(scene, (40, 30), backend="numpy")
+    exact = render(scene, (24, 18), backend="numpy")
     np.testing.assert_array_equal(np.load(path)["pixels"], exact.pixels)
     cube = LayeredCube.of(scene, 64, backend="numpy", hit="triangle")
-    image = render(scene, (40, 30), backend="numpy", accel="ldc", secondary=cube)
+    image = render(scene, (24, 18), backend="numpy", accel="ldc", secondary=cube)
     np.testing.assert_array_equal(image.pixels, exact.pixels)
     np.testing.assert_array_equal(image.depth, exact.depth)
     assert image.stats.features["layered cube"] == 64

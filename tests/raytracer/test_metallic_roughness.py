@@ -133,8 +133,10 @@ def test_a_picture_of_one_colour_is_a_number(field, number, picture):
     np.testing.assert_allclose(*images, atol=1e-6)
 
 
-@pytest.mark.sampled(4)
-@pytest.mark.parametrize("integrator", [Whitted(), Path(samples=256)], ids=["whitted", "path"])
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize(
+    "integrator", [Whitted(), pytest.param(Path(samples=256), marks=pytest.mark.slow)], ids=["whitted", "path"]
+)
 @pytest.mark.parametrize("glass", [False, True])
 def test_mirrors_of_phongs_model_have_colours(integrator, glass):
     mirror = Material(reflectivity=(1, 0.5, 0.25), specular=0, diffuse=0)
@@ -146,8 +148,9 @@ def test_mirrors_of_phongs_model_have_colours(integrator, glass):
     np.testing.assert_allclose(image.pixels.mean(axis=(0, 1)), (1, 0.5, 0.25), atol=0.02)
 
 
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("integrator", [Whitted(bounces=2), Path(samples=4)], ids=["whitted", "path"])
+@pytest.mark.parametrize(
+    "integrator", [Whitted(bounces=2), pytest.param(Path(samples=4), marks=pytest.mark.slow)], ids=["whitted", "path"]
+)
 def test_a_grey_colour_of_a_mirror_is_its_number(integrator):
     """A mirror of equal channels takes the kernel of a number; beside a coloured one it shows the same."""
     images = []
@@ -176,7 +179,7 @@ def test_whitted_shows_the_matt_lobe_as_phongs_model_does():
     np.testing.assert_allclose(images[0].pixels, images[1].pixels, atol=3e-3)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("beside", [(), (ball(Material(transmission=1.0), 20.0),)], ids=["alone", "beside glass"])
 @pytest.mark.parametrize("roughness", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
@@ -229,6 +232,7 @@ def test_lights_shine_through_smooth_thin_walls(integrator, share):
     np.testing.assert_allclose(images[1].mean(axis=(0, 1)), expected.mean(axis=(0, 1)), atol=2e-3, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_rough_thin_wall_lets_the_environment_through():
     rough = dataclasses.replace(PANE, roughness=0.5)
     above = EnvironmentLight(Texture(np.float32([[[1, 1, 1]], [[0, 0, 0]]]), srgb=False, filter="nearest"))

@@ -109,7 +109,12 @@ def test_deformed_objects_look_as_a_new_scene_has_them(backend):
 
 
 def test_what_stays_is_neither_built_nor_sent_again(monkeypatch):
-    made = scene(meshes=[*scene().meshes, *(named(torus(0.2, 0.1).moved((k, 2, -1)), "ring") for k in range(9))])
+    made = scene(
+        meshes=[
+            *scene().meshes,
+            *(named(torus(0.2, 0.1, segments=12, sides=8).moved((k, 2, -1)), "ring") for k in range(9)),
+        ]
+    )
     renderer = Renderer(made, backend="numpy")
     renderer.move("ball", turned(10))
     renderer.render(SIZE)

@@ -194,6 +194,7 @@ def test_other_precisions_give_every_instance_triangles_of_its_own(precision, mo
     assert np.count_nonzero(ids[0] != ids[1]) <= (12 if precision == "f16" else 1)
 
 
+@pytest.mark.slow
 def test_the_network_that_removes_noise_gets_the_colours_and_normals_of_instances(monkeypatch):
     guides = []
     network = types.SimpleNamespace(denoise=lambda color, *layers, **_: guides.append(layers) or color)
@@ -223,6 +224,7 @@ def test_an_animated_file_moves_its_instances(tmp_path):
     assert np.any(pictures[0].object_id != pictures[2].object_id)
 
 
+@pytest.mark.slow
 def test_a_view_of_instances_shows_edits_and_moves(tmp_path):
     path = tmp_path / "row.py"
     path.write_text(ROW)

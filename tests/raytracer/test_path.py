@@ -89,7 +89,7 @@ def test_white_furnace_of_a_box_that_is_open():
         assert abs(values.mean() - expected) < 4 * values.std() / 64 + 0.01 * expected  # the rest is beyond 64 bounces
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("shininess", [0, 20])
 def test_a_glossy_surface_seen_from_above_loses_nothing(shininess):
     shiny = Material((0, 0, 0), diffuse=0, specular=0.75, shininess=shininess)
@@ -233,6 +233,7 @@ def test_a_program_of_the_sky():
     agrees(traced(Scene([floor(9, WHITE)], [EnvironmentLight(sky)], DOWN), samples=4), 2 / 3)
 
 
+@pytest.mark.slow
 def test_programs_say_what_shines():
     def glow(hit):
         return Surface(emission=sh.cond(hit.position.x > 0, 2.0, 0.0) * sh.Color3f(1, 1, 1))

@@ -205,9 +205,9 @@ def test_the_commands_of_the_gallery_draw_its_pictures(name, tmp_path, monkeypat
 
 
 def test_the_gallery_has_every_scene(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(gallery, "SCENES", {name: gallery.SCENES[name] for name in ("boxes", "glass")})
+    monkeypatch.setattr(gallery, "SCENES", {name: gallery.SCENES[name] for name in ("boxes", "mirror-box")})
     assert cli.main(["gallery", str(tmp_path), "--size", "16x12", "--samples", "1", "--backend", "numpy"]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["boxes.png", "glass.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["boxes.png", "mirror-box.png"]
     assert capsys.readouterr().out.count("16 x 12") == 2
     assert cli.main(["gallery", str(tmp_path / "none")]) == 1
     assert "make it first" in capsys.readouterr().err

@@ -53,7 +53,7 @@ def pictures(scene):
     return made, [render(made, (48, 32), backend=backend, bounces=2) for backend in ("numpy", *devices)]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("bounces", [0, 1, 3])
 def test_the_picture_is_the_oracles(backend, bounces):
@@ -319,7 +319,7 @@ def test_where_a_normal_is_zero_the_triangle_has_its_own():
     np.testing.assert_allclose(other.pixels, one.pixels, atol=1e-5)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("scale", [1e-30, 1e-18, 1e-9, 1e12, 1e18, 1e30])
 def test_extreme_scales_change_no_picture(scale):
     """A power of two beside the scale: the very pixels, ids and normals, and the depth times the scale."""

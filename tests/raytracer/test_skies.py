@@ -153,6 +153,7 @@ def test_glass_before_a_picture_is_the_same_on_each_backend():
     assert len(np.unique(through, axis=0)) > 10, "the picture is seen through the ball"
 
 
+@pytest.mark.slow
 def test_cubes_with_deferred_shading_show_it_in_mirrors():
     wall = floor(40, MIRROR).moved(tilt=90)
     scene = Scene([wall], camera=Camera((0, 0, 3), (0, 0, 0), fov=20), background=shown_direction)
@@ -265,6 +266,7 @@ def test_the_command_shows_a_picture(tmp_path, monkeypatch, capsys):
     assert "there is no picture gone.png" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_picture_of_one_colour_is_that_colour_to_path_tracing():
     """Also where a mirror shows it to a matt surface."""
     ball = sphere(0.5, MIRROR, rings=6, segments=10).moved((0, 0.5, 0))

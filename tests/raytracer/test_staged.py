@@ -99,7 +99,7 @@ def test_the_threshold_decides_how_often_the_intersector_runs():
     calls = []
     for threshold in (0, 0.3, 1):
         renderer.staged.threshold = threshold
-        calls.append(dict(renderer.render((24, 16)).stats.calls))
+        calls.append(dict(renderer.render((16, 12)).stats.calls))
     intersections, traversals = ([c[stage] for c in calls] for stage in ("intersect", "traverse"))
     assert intersections == sorted(intersections, reverse=True)
     assert intersections[-1] < intersections[0]

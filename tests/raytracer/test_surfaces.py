@@ -99,8 +99,8 @@ def test_backends_and_accelerators_agree_to_the_last_bit():
 def test_the_staged_tracer_agrees(backend):
     scene = everything()
     same(
-        rendered(scene, (48, 32), backend=backend, accel="grid"),
-        rendered(scene, (48, 32), backend=backend, tracer="staged"),
+        rendered(scene, (24, 16), backend=backend, accel="grid"),
+        rendered(scene, (24, 16), backend=backend, tracer="staged"),
     )
 
 
@@ -275,6 +275,7 @@ def test_srgb_files_are_decoded_and_numbers_are_not(tmp_path):
     assert Texture(tmp_path / "deep.png", srgb=False).image == pytest.approx(np.full((2, 2, 3), 32768 / 65535))
 
 
+@pytest.mark.slow
 def test_a_number_may_be_a_texture():
     card = floor(1).moved(tilt=90)
     half = Texture(np.array([[0.0, 0.8]]), filter="nearest")
