@@ -72,9 +72,13 @@ def render(
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
-    kind = {"transparent": transparent, "primary": primary is not None}
-    renderer = Renderer(scene, integrator=chosen_integrator, backend=backend, **kind)
+    renderer = Renderer(scene, integrator=chosen_integrator, backend=backend, **_kind(transparent, primary))
     return finish(renderer.render(size, progress=progress, resume=resume, primary=primary, transparent=transparent))
+
+
+def _kind(transparent: bool, primary: GBuffer | None) -> dict[str, bool]:
+    """Return what a Renderer has to know of its first picture, so that it compiles the kernel of that alone."""
+    return {"transparent": transparent, "primary": primary is not None}
 
 
 def _check_together(

@@ -21,6 +21,11 @@ NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py") if path.stem != "pict
 on_every_backend = pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 
 
+def on_one_backend(test):
+    """Run a test on one backend by default, and on the others with `-m slow`."""
+    return pytest.mark.sampled(3)(on_every_backend(test))
+
+
 @pytest.fixture(autouse=True)
 def _importable(monkeypatch):
     monkeypatch.syspath_prepend(str(EXAMPLES))
@@ -112,8 +117,7 @@ def test_newton_reaches_the_roots():
     np.testing.assert_array_equal(kinds[:, 55], 0)  # the basin of the root 1, far to the right
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_mandelbrot(backend):
     m = example("mandelbrot")
     inside = m.mandelbrot.compile(backend)([(0, 0), (-1, 0), (-0.12, 0.74), (-0.6, 0)])
@@ -144,8 +148,7 @@ def test_bodies_attract_each_other_as_newton_says(backend):
     assert m.picture(moved, size=32).max() > 0.3
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_planet(backend):
     m = example("planet")
     picture = m.draw(48, 48, backend)
@@ -162,8 +165,7 @@ def test_planet(backend):
     assert drowned[..., 0].mean() < picture[..., 0].mean()
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_blur(backend):
     m = example("blur")
     point = np.zeros((21, 21, 3), np.float32)
@@ -179,8 +181,7 @@ def test_blur(backend):
     np.testing.assert_allclose(m.blurred(flat, 3, backend), flat, rtol=1e-6)
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_life(backend):
     m = example("life")
     board = m.r_pentomino(32)
@@ -194,8 +195,7 @@ def test_life(backend):
     np.testing.assert_array_equal(streams["age"], age)
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_gray_scott(backend):
     m = example("gray_scott")
     u, v = m.drops(24)
@@ -212,8 +212,7 @@ def test_gray_scott(backend):
     assert v.max() > 0.1
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_heat(backend):
     m = example("heat")
     heat, free = m.plate(12, 18)
@@ -225,8 +224,7 @@ def test_heat(backend):
     assert found[free].min() > 0
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_particles(backend):
     m = example("particles")
     seen, light = (stream.numpy() for stream in m.life(1500, 1, 40, backend))
@@ -251,8 +249,7 @@ def test_particles(backend):
     np.testing.assert_allclose(moved.at, couple["at"] + step, rtol=1e-6)
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_equalize(backend):
     m = example("equalize")
     before = m.photograph(40, 30, backend)
@@ -264,8 +261,7 @@ def test_equalize(backend):
     assert np.ptp(after) > 0.95
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_patterns(backend):
     m = example("patterns")
     sheet = m.draw(24, backend)
@@ -280,8 +276,7 @@ def test_patterns(backend):
     np.testing.assert_allclose(mosaic[1, 9], np.asarray(stone), atol=1e-5)
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_textures(backend):
     picture = example("textures").scene.compile(backend)(shape=(90, 160))
     assert picture.shape == (90, 160, 3)
@@ -294,8 +289,7 @@ def test_textures(backend):
     assert stone[..., 0].mean() > stone[..., 2].mean() + 0.1
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_algebra(backend):
     m = example("algebra")
     blue, red, marble, dented = np.split(m.draw(40, backend), 4, axis=1)
@@ -381,16 +375,14 @@ def test_occlusion():
     np.testing.assert_array_equal(plain, 1)
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_whitted_gives_the_picture_of_the_integrator_to_the_bit(backend):
     picture = SHOWN["whitted"](example("whitted"), backend)
     np.testing.assert_array_equal(picture, render(BOXES, (24, 18), backend=backend).pixels)
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
 
 
-@pytest.mark.sampled(3)
-@on_every_backend
+@on_one_backend
 def test_raster_gives_the_traced_picture_where_both_see_the_same_triangle(backend):
     """Rays start up to 2**-13 of the distance beside the traced ones, and only at the edge of a light that shows."""
     size = (48, 36)

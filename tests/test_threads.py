@@ -159,7 +159,7 @@ class Instant:
 
 def test_executables_are_evicted_while_others_compile(impatient, monkeypatch):
     monkeypatch.setattr(kernel, "_KEPT", 3)
-    monkeypatch.setattr(kernel, "print_module", lambda module: "")
+    monkeypatch.setattr(kernel, "digest", lambda module: b"")
     recorded, wrong = sh.program(turbulent).recorded, []
 
     def work(first):

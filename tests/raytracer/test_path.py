@@ -233,7 +233,6 @@ def test_a_program_of_the_sky():
     agrees(traced(Scene([floor(9, WHITE)], [EnvironmentLight(sky)], DOWN), samples=4), 2 / 3)
 
 
-@pytest.mark.slow
 def test_programs_say_what_shines():
     def glow(hit):
         return Surface(emission=sh.cond(hit.position.x > 0, 2.0, 0.0) * sh.Color3f(1, 1, 1))
