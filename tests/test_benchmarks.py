@@ -198,6 +198,7 @@ class AbortsLater:
         return np.arange(4) * 2
 
 
+@pytest.mark.slow  # four processes; those of studies and one that hangs are in every run
 def test_peers_have_processes_of_their_own(monkeypatch):
     """Their answers, errors and ends arrive here."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))

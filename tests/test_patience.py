@@ -29,7 +29,7 @@ def test_a_test_that_computes_without_an_end_fails_and_the_next_one_runs(tmp_pat
     ran = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "patience", "--cpu-limit", "0.2", "-p", "no:cacheprovider"],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
         capture_output=True,
         text=True,
         timeout=HANGING,

@@ -449,6 +449,7 @@ def kill_once(block, flag):
     return block
 
 
+@pytest.mark.slow  # `raytracer/test_partitions.py` kills one in every run
 def test_a_worker_that_is_killed_costs_nothing_but_its_blocks(tmp_path):
     flag = str(tmp_path / "killed")
     kernel = gray_scott.compile("numpy")

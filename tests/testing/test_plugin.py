@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -38,7 +39,10 @@ def pytest_runs(tmp_path):
 
     def run(*options):
         command = [sys.executable, "-m", "pytest", "-p", PLUGIN, "-v", "-s", "-p", "no:cacheprovider"]
-        return subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=HANGING)
+        return subprocess.run(
+            [*command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=HANGING,
+            env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        )  # fmt: skip
 
     return run
 
