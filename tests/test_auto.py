@@ -158,6 +158,7 @@ def test_discarded_elements_and_out(eager):
     assert same(kernel.run(X, where=X > 1).written, X > 1)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", range(6))
 def test_changes_at_random_keep_the_bits(seed):
     """Kernels change while runs are split, memory holds garbage and elements run as lists."""

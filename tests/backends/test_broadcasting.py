@@ -104,6 +104,7 @@ def test_many_random_shapes_broadcast_as_numpys_do(backend):
         check(kernel, backend, rng)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_open_grids_rows_and_columns(backend):
     kernel = add.compile(backend)

@@ -55,7 +55,7 @@ def halved(x: float, times: int, branch: bool) -> float:
     return x
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("target", ["numpy", "opencl-1", "opencl-8", "glsl"])
 def test_a_short_chain_gives_its_numbers(kind, target):
@@ -68,7 +68,7 @@ def test_a_short_chain_gives_its_numbers(kind, target):
     np.testing.assert_array_equal(kernel(x).y, np.float32(expected))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "array"])
 @pytest.mark.parametrize("levels", [30, 60])
 def test_numpys_text_is_as_long_as_the_program(kind, levels):

@@ -79,6 +79,7 @@ def test_elements_are_structs_and_matrices(options):
             assert_same(tuple(found[3]), tuple(expected[3]))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_a_table_that_is_an_argument_has_the_shape_of_its_data(backend):
     @sh.program

@@ -202,7 +202,7 @@ def right_or_told(program: sh.Program, n: np.ndarray, limit: int | None, *, stop
     assert np.array_equal(result.outputs[result.written], n[result.written])
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
 @names
 @pytest.mark.parametrize("around", [alone, in_subroutine, nested, beside], ids=lambda a: a.__name__)
 @pytest.mark.parametrize("limit", [None, 1 << 20])

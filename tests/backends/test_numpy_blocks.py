@@ -44,6 +44,7 @@ def run(module, shape, tile, *, blocks):
     return *outputs, status
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("tile", [12, 50, 1000])
 def test_blocks_give_what_lanes_give(shape, tile):

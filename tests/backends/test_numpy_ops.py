@@ -102,7 +102,7 @@ def argument_types(op):
     return list(dict.fromkeys(found))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("op", OPS)
 def test_an_operation_means_what_the_table_says(op):
     rng = np.random.default_rng(len(op))

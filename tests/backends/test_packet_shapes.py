@@ -38,6 +38,7 @@ def countdown(x: sh.Attrib1f) -> sh.Attrib1f:
     return x
 
 
+@pytest.mark.sampled(2)
 @each_width
 @pytest.mark.parametrize("shape", [(5, 33), (40, 16), (3, 100), (70, 1), (2, 3, 20), (91,), (3,)])
 def test_lanes_that_stay_together_are_a_row(lanes: int, shape: tuple[int, ...]) -> None:

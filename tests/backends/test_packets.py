@@ -222,6 +222,7 @@ def check_memory(lanes: int, kinds: str) -> None:
 # Grids, tables, arrays
 
 
+@pytest.mark.sampled(3)
 @each_width
 @pytest.mark.parametrize("shape", [(50,), (5, 7), (33, 40), (3, 5, 35), (2, 3, 4, 5)])
 def test_each_lane_knows_its_place(lanes: int, shape: tuple[int, ...]) -> None:
@@ -323,6 +324,7 @@ def test_an_array_that_is_the_same_for_all_is_read_at_places_that_differ(lanes: 
 # Lanes
 
 
+@pytest.mark.sampled(2)
 @each_width
 @pytest.mark.parametrize("shape", [(1,), (5,), (16,), (21,), (5, 7), (3, 21)])
 def test_a_lane_that_holds_no_element_is_never_asked(lanes: int, shape: tuple[int, ...]) -> None:
@@ -362,7 +364,7 @@ def test_only_active_lanes_are_asked(lanes: int) -> None:
 # Programs at random
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("seed", range(24))
 def test_random_programs(seed: int) -> None:
     lanes, count = WIDTHS[seed % 3], SIZES[seed % 4]

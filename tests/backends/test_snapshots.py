@@ -34,7 +34,7 @@ def test_the_ir(name, snapshots):
     snapshots.check(f"programs/{name}.ir", str(tidied).replace(str(FILE.parent) + "/", ""))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_text_for(target, name, snapshots):

@@ -56,6 +56,7 @@ def test_lanes_that_return_one_value_for_all_keep_it_where_the_other_side_return
     assert (found == [3, -1, 0]).all()
 
 
+@pytest.mark.sampled(2)
 @everywhere
 @pytest.mark.parametrize("most", [0, 1, 3])
 def test_a_value_that_varies_at_the_last_of_the_exits_for_all_is_found_behind_each(options, most):

@@ -58,6 +58,7 @@ CASES = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("name", "options"),
     [(name, KERNELS[kernel]) for name in CASES for kernel in KERNELS if name == "mixed" or "numpy" in kernel],
@@ -319,7 +320,7 @@ def lens_value(k):
     return {"at": (k, 2, 3), "turn": np.eye(3) * k, "wide": k / 3, "count": k}
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @everywhere
 def test_params_of_structs_and_matrices(options):
     lens = sh.Param(Lens, lens_value(1))

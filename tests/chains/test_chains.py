@@ -348,6 +348,7 @@ def test_a_sequence_gives_the_bits_of_the_fused_program(backend):
         np.testing.assert_array_equal(apart[name].numpy().view(np.int32), whole.view(np.int32))
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_a_chain_may_be_a_member_several_times(backend):
     inner = sh.sequence(sh.sequence(wear), move)

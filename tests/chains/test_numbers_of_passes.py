@@ -50,6 +50,7 @@ def test_one_kernel_sorts_1024_keys(backend):
     assert (result.executions, result.counts) == ({"exchange": 55}, {"exchange": 55 * 1024})
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_nested_passes_sort_them(backend):
     chain = sh.repeat(sh.repeat(exchange_in_stage, 10, index="step"), 10, index="stage")

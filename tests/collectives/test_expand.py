@@ -30,6 +30,7 @@ def test_it_is_numpys_repeat(backend):
             assert np.array_equal(found.indices.numpy(), np.repeat(np.arange(n), times))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_none_and_several_axes(backend):
     s = sh.Stream(np.arange(6, dtype=np.float32).reshape(2, 3), sh.Attrib1f, backend=backend)

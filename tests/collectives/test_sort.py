@@ -112,6 +112,7 @@ def test_bools_of_any_byte_are_equal(moved):
     assert sh.argsort(given, descending=True).numpy().tolist() == [0, 1, 3, 4, 2]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("below", [1, 2, np.int64(2048), 4096, 4097, 2**31])
 def test_keys_below_a_number(moved, below):
     """Keys that are out of range count as the nearest one in range."""

@@ -41,7 +41,7 @@ def test_hard_cases_are_rounded_right(name):
     assert OPS[name].meaning(x).tobytes() == answers.tobytes()
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", NAMES)
 def test_all_numbers_are_rounded_right_in_a_stride(name):
     with np.errstate(all="ignore"):

@@ -146,6 +146,7 @@ def stencil(t: Image, u: sh.Table[sh.Attrib4f, 2]):
 OFFSETS = (0, 1, -4, 30, -1000, 2**31 - 1, -(2**31))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("target", ["numpy", "opencl-4", "opencl-16", "opencl-1", "glsl"])
 @pytest.mark.parametrize(
     ("shape", "extents"), [((9, 23), (9, 23)), ((40, 33), (7, 90)), ((3, 4), (11, 2)), ((1, 70), (1, 1))]

@@ -39,7 +39,7 @@ def check(name, backend, seed, count):
             BY_SIZES[name](backend, np.random.default_rng(seed).choice(SIZES[1:], count), seed)
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", [*BY_ELEMENTS, *BY_SIZES])
 def test_collectives_agree(name, backend):
