@@ -86,7 +86,7 @@ class OpenCLExecutable:
 
     @property
     def hurried(self) -> bool:
-        """An optimized program may replace the present one."""
+        """Return whether an optimized program may replace the present one."""
         return isinstance(self.pace, Watch) and self.pace.watches
 
     @property
