@@ -17,7 +17,7 @@ from hypothesis import settings
 from stress.mode import stressed
 
 from shpy.backend.device import store
-from shpy.backend.glsl.device.context import open_context
+from shpy.backend.glsl.device.context import _opened, open_context
 from shpy.backend.opencl.device.building import backend as opencl
 from shpy.backend.opencl.device.driver import Machine, _listed, machine_of
 from shpy.backend.opencl.device.trial import DECLARES
@@ -77,8 +77,8 @@ def pytest_collection():
         result = yield
     finally:
         gc.enable()
-    if len(_listed):
-        raise pytest.UsageError("a module of tests opens OpenCL as it is imported: open it in a test or a fixture")
+    if len(_listed) or len(_opened):
+        raise pytest.UsageError("a module of tests opens a driver as it is imported: open it in a test or a fixture")
     return result
 
 

@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer import Camera, EnvironmentLight, Material, Path, Renderer, Scene, SceneError, Texture, render
+from raytracer import (
+    Camera,
+    EnvironmentLight,
+    Material,
+    MetallicRoughness,
+    Path,
+    PointLight,
+    Renderer,
+    Scene,
+    SceneError,
+    Texture,
+    render,
+)
 from raytracer.kernels.emitters import EVERYWHERE, BrightCells, aimed_weights
 from raytracer.kernels.points import part_of, reversed_bits, sobol_pair
 from raytracer.meshes.shapes import box, floor
@@ -125,6 +137,33 @@ def test_a_wall_has_the_light_of_the_half_of_a_turned_environment_that_it_faces(
     rows = [renderer.rows(size, top, 8, transparent=True)["pixels"] for top in (0, 8)]
     for other in (renderer.render(size, resume=part, transparent=True).pixels, np.concatenate(rows)):
         np.testing.assert_array_equal(other, whole.pixels)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("transparent", [False, True])
+def test_backends_agree_on_clamped_light_of_a_bright_environment(transparent):
+    sky = np.random.default_rng(1).random((5, 10, 3)) ** 3
+    sky[1, 2] = 90
+    light = EnvironmentLight(Texture(sky), -77, 2.5)
+    holes = Material((0.3, 0.7, 0.3), cutout=Texture(np.eye(3)[..., None].repeat(3, axis=2), filter="nearest"))
+    veil = MetallicRoughness((0.5, 0.7, 0.9), metallic=0.5, roughness=0.4, alpha=0.6)
+    meshes = [
+        box((1, 1, 1), veil).moved((0, 0.5, 0), turn=30),
+        floor(2, holes).moved((0, 0.2, 1), tilt=60),
+        floor(4, GREY),
+    ]
+    scene = Scene(meshes, [light, PointLight((2, 4, 3))], Camera((1, 1.5, 4), (0, 0.4, 0)))
+    path = Path(samples=5, bounces=3, clamp=0.7)
+    renderers = [Renderer(scene, integrator=path, backend=name) for name in ("numpy", "opencl", "glsl")]
+    images = [renderer.render((16, 12), transparent=transparent) for renderer in renderers]
+    images.append(
+        renderers[1].render(
+            (16, 12), resume=renderers[2].render((16, 12), samples=2, transparent=transparent), transparent=transparent
+        )
+    )
+    for image in images[1:]:
+        np.testing.assert_array_equal(image.pixels, images[0].pixels)
+        np.testing.assert_array_equal(image.alpha, images[0].alpha)
 
 
 @pytest.mark.slow
