@@ -72,13 +72,16 @@ def render(
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
-    renderer = Renderer(scene, integrator=chosen_integrator, backend=backend, **_kind(transparent, primary))
+    renderer = _renderer(scene, chosen_integrator, backend, transparent, primary)
     return finish(renderer.render(size, progress=progress, resume=resume, primary=primary, transparent=transparent))
 
 
-def _kind(transparent: bool, primary: GBuffer | None) -> dict[str, bool]:
-    """Return what a Renderer has to know of its first picture, so that it compiles the kernel of that alone."""
-    return {"transparent": transparent, "primary": primary is not None}
+def _renderer(
+    scene: Scene, integrator: Integrator, backend: str | None, transparent: bool, primary: GBuffer | None
+) -> Renderer:
+    """Return a Renderer that compiles the kernel of its first picture alone."""
+    kind = primary is not None
+    return Renderer(scene, integrator=integrator, backend=backend, transparent=transparent, primary=kind)
 
 
 def _check_together(

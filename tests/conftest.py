@@ -231,7 +231,11 @@ def _answers_are_for_other_processes():
         yield
 
 
-ONE_LANE = {"chains", "gradients", "streams", "stress", "test_conformance_runs"}
+ONE_LANE = {
+    *("chains", "gradients", "streams", "stress", "test_conformance_runs", "test_documentation", "test_examples"),
+    *("test_moving", "test_moving_grid", "test_surfaces", "test_component", "test_transparent", "test_gltf_files"),
+    *("test_queries", "test_repainting", "test_cutouts", "test_extremes", "test_shared_kernels"),
+}
 """Folders and files of tests of what programs mean, whatever their packets: OpenCL's widths have tests of their own."""
 
 
