@@ -17,6 +17,7 @@ from raytracer import (
     Material,
     Mesh,
     PointLight,
+    Renderer,
     Scene,
     SceneError,
     Surface,
@@ -291,8 +292,6 @@ def test_only_what_programs_use_is_in_the_kernel():
     plain = shown(box(), Material())
     assert not any("program" in name or name == "textures" for name in plain.stats.features)
     scene = Scene([box().with_material(Material(surface=lambda hit: Surface(color=hit.position)))], SUN)
-    from raytracer import Renderer
-
     assert "uvs" not in Renderer(scene, backend="numpy").program.tables
     assert "uvs" in Renderer(Scene([box(material=Material(surface=checker))], SUN), backend="numpy").program.tables
     assert Renderer(scene, backend="numpy").features["reflections"] == 0
@@ -362,8 +361,6 @@ def test_programs_are_bound_by_name():
 def test_a_param_of_a_program_may_change_between_pictures():
     gain = sh.Param(sh.Attrib1f, 1.0, name="gain")
     material = Material(surface=lambda hit: Surface(color=gain * sh.Color3f(1, 1, 1)), specular=0, diffuse=1)
-    from raytracer import Renderer
-
     renderer = Renderer(Scene([BARE.with_material(material)], SUN, AHEAD, (0, 0, 0), 0.0), backend="numpy")
     bright = renderer.render((24, 20)).pixels
     gain.value = 0.5
