@@ -31,6 +31,8 @@ logging.getLogger("PIL").addHandler(logging.NullHandler())
 Filter = Literal["linear", "nearest"]
 Wrap = Literal["repeat", "clamp", "mirror"]
 WRAPS: Final = get_args(Wrap)
+Transform = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""The rows of an affine map of uv coordinates."""
 LARGEST: Final = 16384
 """Pixels along a side."""
 _BRIGHTEST: Final = np.finfo(np.float32).max
@@ -54,8 +56,12 @@ class Texture:
     `filter` is "linear" or "nearest". `wrap` decides what lies beyond the picture: it repeats ("repeat"), its edge goes
     on ("clamp"), or it is mirrored ("mirror").
 
+    `transform` ((a, b, c), (d, e, f)) reads the picture at (a u + b v + c, d u + e v + f) in place of (u, v), so
+    ((4, 0, 0), (0, 4, 0)) shows it four times along each side. The slopes of a normal map stay along the mesh's uv.
+
     `image` (H, W, 3) float32 holds the linear numbers. Raises FileNotFoundError, and SceneError for a file that is not
-    a picture, another shape, more than 16384 pixels along a side, and numbers that are negative or not finite.
+    a picture, another shape, more than 16384 pixels along a side, numbers that are negative or not finite, and another
+    transform.
     """
 
     def __init__(
@@ -66,12 +72,14 @@ class Texture:
         filter: Filter = "linear",
         wrap: Wrap = "repeat",
         alpha: bool = False,
+        transform: Transform | None = None,
     ) -> None:
         for choice, choices, what in ((filter, get_args(Filter), "filter"), (wrap, WRAPS, "wrap")):
             if choice not in choices:
                 raise SceneError(f"a texture's {what} is one of {', '.join(map(repr, choices))}, not {choice!r}")
         self.filter: Filter = filter
         self.wrap: Wrap = wrap
+        self.transform = None if transform is None else _affine(transform)
         if isinstance(source, str | PathLike):
             self.name = str(source)
             pixels, encoded = _read(Path(source), alpha)
@@ -87,12 +95,21 @@ class Texture:
     def complement(self) -> Texture:
         """The texture of 1 minus the numbers of this one, where these are at most 1."""
         other = Texture(1 - np.minimum(self.image, 1), srgb=False, filter=self.filter, wrap=self.wrap)
-        other.name = self.name
+        other.name, other.transform = self.name, self.transform
         return other
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
         return f"<Texture {self.name}, {width} x {height}>"
+
+
+def _affine(transform: Any) -> Transform:
+    """Return the rows of a transform of uv coordinates."""
+    rows = array_of("the transform of a texture", transform).astype(np.float64)
+    if rows.shape != (2, 3) or not (np.abs(rows) <= _BRIGHTEST).all():
+        raise SceneError(f"the transform of a texture is two rows of three finite numbers, not {transform!r}")
+    (a, b, c), (d, e, f) = rows.tolist()
+    return (a, b, c), (d, e, f)
 
 
 def _read(path: Path, alpha: bool) -> tuple[NDArray[Any], bool]:

@@ -131,7 +131,8 @@ def _described(material: AnyMaterial, digests: dict[Texture, str], appearance: A
 
 
 def _picture(texture: Texture) -> str:
-    return _digest(texture.image, texture.filter, texture.wrap)
+    moved = () if texture.transform is None else (np.array(texture.transform),)
+    return _digest(texture.image, texture.filter, texture.wrap, *moved)
 
 
 def _recorded(examined: UserProgram) -> Iterable[Any]:

@@ -38,6 +38,8 @@ _KERNEL_NAMES = {"base_color": "color", "sheen_color": "sheen"}
 """The variables for what a program gives under other names."""
 PART = 1 << 16
 """Texels that are copied at once."""
+_PLAIN = ((1, 0, 0), (0, 1, 0))
+"""The transform that leaves uv coordinates as they are."""
 
 
 class Appearance:
@@ -206,10 +208,18 @@ class Atlas:
         self.pictures = sh.Table(np.array(rows, np.int32), sh.Attrib4i, "pictures")
         self.wraps = {t.wrap for t in textures}
         self.filters = {t.filter for t in textures}
+        self.moves = None
+        if any(t.transform is not None for t in textures):
+            moves = np.array([_PLAIN if t.transform is None else t.transform for t in textures], np.float32)
+            self.moves = sh.Table(np.pad(moves.reshape(-1, 3), ((0, 0), (0, 1))), sh.Attrib4f, "moves")
 
     def sample(self, number: Any, uv: Any) -> Any:
         """Return the linear colour of texture `number` at `uv`: (0, 0) is the lower left corner of the picture."""
         start, width, height, mode = self.pictures[number]
+        if self.moves is not None:
+            across, down = self.moves[2 * number], self.moves[2 * number + 1]
+            u = across.x * uv.x + across.y * uv.y + across.z
+            uv = sh.Attrib2f(u, down.x * uv.x + down.y * uv.y + down.z)
         size = sh.Attrib2f(width, height)
         place = sh.Attrib2f(self.wrapped(uv.x, mode), self.wrapped(1 - uv.y, mode)) * size
         if "linear" not in self.filters:

@@ -19,7 +19,7 @@ import numpy as np
 
 from raytracer.appearance.materials import CUTOFF, Material, Triple
 from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
-from raytracer.appearance.textures import Texture
+from raytracer.appearance.textures import Texture, Transform
 from raytracer.appearance.unlit import Unlit
 from raytracer.arrays import real
 from raytracer.meshes.folder import Notices, shown
@@ -29,6 +29,7 @@ from raytracer.meshes.pictures import Picture
 CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
 """The material of a mesh whose file has neither material nor colours: friendlier than white."""
 METAL: Final = "pictures of the metal of clear bodies"
+BEYOND: Final = "factors of materials outside of 0 to 1"
 CLOTH: Final = 0.5
 """The roughness of a sheen for which a file has none."""
 WHITE: Triple = (1.0, 1.0, 1.0)
@@ -41,14 +42,14 @@ _FAINTEST = 32
 """An alpha below 1 / _FAINTEST is taken for 0."""
 _MTL_READ = {
     *("newmtl", "kd", "ks", "ns", "illum", "ka", "d", "tr", "ke", "ni", "tf", "sharpness"),
-    *("map_kd", "map_d", "map_ke"),
+    *("map_kd", "map_d", "map_ke", "norm"),
 }
 _LAYERED = {"pr", "pm", "pc", "map_pr", "map_pm"}
 """The statements that make a material a `MetallicRoughness`."""
 _MTL_LAYERS = {*_LAYERED, "pcr", "ps", "aniso", "anisor"}
 _MTL_ZEROS = _MTL_LAYERS - {"map_pr", "map_pm"}
 """Statements that say nothing where their number is 0; exporters write them for every material."""
-_MTL_PICTURES = {"bump": "normal maps", "map_bump": "normal maps", "norm": "normal maps"}
+_MTL_PICTURES = {"bump": "bump maps", "map_bump": "bump maps"}
 _TRANSPARENT = 4
 """The first model of illumination with transparency."""
 _REFRACTING = (6, 7)
@@ -213,13 +214,14 @@ def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, n
 
 @dataclass(frozen=True)
 class MtlPictures:
-    """The pictures of map_Kd, map_Ke, map_Pr and map_Pm, and the alpha or grey numbers of map_d."""
+    """The pictures of map_Kd, map_Ke, map_Pr, map_Pm and norm, and the alpha or grey numbers of map_d."""
 
     color: Picture | None = None
     emission: Picture | None = None
     opacity: Picture | None = None
     roughness: Picture | None = None
     metallic: Picture | None = None
+    normals: Picture | None = None
 
 
 def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices) -> AnyMaterial:
@@ -242,6 +244,9 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
     if pictures.opacity is not None and pictures.opacity.is_partly_clear():
         notices.ignore("partial transparency of pictures")
     material = _layers(words, pictures, clear, notices) if layered else _phong(words, pictures, clear, notices)
+    if pictures.normals is not None:
+        field = "normal" if layered else "normal_map"
+        material = replace(material, **{field: pictures.normals.normals(1.0)})
     return replace(
         material,
         emission=_color(_rgb(words, "ke", 0.0 if pictures.emission is None else 1.0), pictures.emission),
@@ -285,7 +290,10 @@ def _layers(words: Mapping[str, list[str]], pictures: MtlPictures, clear: float,
     Ks, Ns and illum say the same of a surface in Phong's model, and are not read beside them. Ni is the refractive
     index, 1 - d the share that is not there; with illum 6 and 7 it is that of a body, which refracts.
     """
-    red, green, blue = (min(x, 1.0) for x in _rgb(words, "kd", 0.8))
+    color = _rgb(words, "kd", 0.8)
+    shares = (_number(words, name, 0.0) for name in ("pr", "pm", "pc", "pcr", "ps", "aniso"))
+    notices.ignore(BEYOND, int(not all(0 <= share <= 1 for share in (*color, *shares))))
+    red, green, blue = (min(x, 1.0) for x in color)
     fibres = min(max(_number(words, "ps", 0.0), 0.0), 1.0)
     stretched = min(max(_number(words, "aniso", 0.0), 0.0), 1.0)
     roughness = min(max(_number(words, "pr", 0.5 if pictures.roughness is None else 1.0), 0.0), 1.0)
@@ -405,6 +413,16 @@ class PictureWords(NamedTuple):
 
     file: str
     options: dict[str, list[str]]
+
+    @property
+    def transform(self) -> Transform | None:
+        """The `Texture.transform`: -s multiplies uv coordinates, -o is added to them."""
+        if not {"-s", "-o"} & self.options.keys():
+            return None
+        (s, t), (u, v) = (
+            [*map(real, self.options.get(name, [])), start, start][:2] for name, start in (("-s", 1.0), ("-o", 0.0))
+        )
+        return (s, 0.0, u), (0.0, t, v)
 
 
 def picture_words(words: list[str]) -> PictureWords:

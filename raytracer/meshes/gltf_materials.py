@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.appearance.metallic_roughness import AnyMaterial
-from raytracer.appearance.textures import Filter, Texture, Wrap
+from raytracer.appearance.textures import Filter, Texture, Transform, Wrap
 from raytracer.errors import SceneError
-from raytracer.meshes.appearance import METAL, Alpha, GltfMaterial, alpha_of, isotropic, material_of
+from raytracer.meshes.appearance import BEYOND, METAL, Alpha, GltfMaterial, alpha_of, isotropic, material_of
 from raytracer.meshes.folder import BadEntry, Notices
 from raytracer.meshes.gltf import BROKEN, Document, count_of, is_data, needed, number_of, numbers_of, reason_of, table
 from raytracer.meshes.pictures import Picture, Pictures
@@ -31,6 +31,12 @@ _WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33071: "clamp", 33648: "mirro
 _NEAREST: Final = 9728
 _GLOSSY: Final = "pbrSpecularGlossiness"
 _ALPHA_MODES: Final = ("MASK", "BLEND")
+_SHARES: Final = (
+    *("metallic", "roughness", "transmission", "specular", "clearcoat", "clearcoat_roughness"),
+    *("sheen_roughness", "anisotropy"),
+)
+"""The factors of a material that the specification limits to 0 to 1, beside colours."""
+_PLAIN: Final[Transform] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 class GltfMaterials:
@@ -43,17 +49,21 @@ class GltfMaterials:
 
     def uv_set(self, number: Any) -> int:
         """Return the number of the uv coordinates that the pictures of a material are read at."""
-        return _place(self._first(number)).uv_set
+        return self._base(number).uv_set
 
     def placed(self, number: Any, uv: NDArray[Any]) -> NDArray[Any]:
-        """Move uv coordinates (N, 2) to where KHR_texture_transform puts those of a material's pictures."""
-        place = _place(self._first(number))
+        """Move uv coordinates (N, 2) to where KHR_texture_transform puts those of a material's pictures.
+
+        Pictures with another transform have a `Texture.transform`. Those of normals have none, as tangents follow uv.
+        """
+        place = self._base(number)
         return uv if place.is_plain else uv @ place.turn.T + place.offset
 
-    def _first(self, number: Any) -> dict[str, Any]:
-        """Return the first texture of a material; {} where it has none."""
+    def _base(self, number: Any) -> _Place:
+        """Return the place of a material's first texture, or that of its normals in the same set of coordinates."""
         used = {} if number is None else self._textures(self.document.one("materials", number))
-        return next(iter(used.values()), {})
+        first, normals = (_place(texture) for texture in (next(iter(used.values()), {}), used.get("normals", {})))
+        return normals if "normals" in used and normals.uv_set == first.uv_set else first
 
     def uses_alpha(self, number: Any) -> bool:
         """Return whether a material has a mode in which alpha counts."""
@@ -77,16 +87,17 @@ class GltfMaterials:
     def get(self, number: Any, has_uv: bool) -> AnyMaterial:
         """Return the material of this number for a mesh, without pictures where the mesh has no uv coordinates."""
         entry = self.document.one("materials", number)
-        used = self._textures(entry)
-        place = _place(self._first(number))
-        elsewhere = [name for name, texture in used.items() if _place(texture) != place]
-        if elsewhere:
-            self.notices.ignore("second uv coordinates or transforms in materials")
+        textures, base = self._textures(entry), self._base(number)
+        used = {name: _Use(texture, _place(texture).beside(base)) for name, texture in textures.items()}
+        elsewhere = [name for name, use in used.items() if use.transform is None]
+        if "gloss" in used and "color" in used and used["gloss"].transform != used["color"].transform:
+            elsewhere.append("gloss")  # the two pictures become one
+        self.notices.ignore("second uv coordinates or transforms in materials", int(bool(elsewhere)))
         if used and not has_uv:
             self.notices.ignore("pictures of meshes without uv coordinates")
         key = (number, bool(used) and has_uv)
         if key not in self._read:
-            used = {name: texture for name, texture in used.items() if has_uv and name not in elsewhere}
+            used = {name: use for name, use in used.items() if has_uv and name not in elsewhere}
             self._read[key] = self._material(entry, used)
         return isotropic(self._read[key], has_uv, self.notices)
 
@@ -106,7 +117,7 @@ class GltfMaterials:
         textures |= {"coat": coat.get("clearcoatTexture"), "coat roughness": coat.get("clearcoatRoughnessTexture")}
         return {name: table(textures, name) for name, texture in textures.items() if texture}
 
-    def _material(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> AnyMaterial:
+    def _material(self, entry: dict[str, Any], used: dict[str, _Use]) -> AnyMaterial:
         """Make a material with these textures (section 3.9)."""
         look, color = table(entry, "pbrMetallicRoughness"), self._color(entry)
         if "KHR_materials_unlit" in table(entry, "extensions"):
@@ -136,9 +147,12 @@ class GltfMaterials:
             shine, mask = (self._picture(used.get("gloss"), alpha=alpha) for alpha in (False, True))
             material = glossy(material, specular, gloss_factor, shine, mask)
         material = replace(material, **self._alpha(entry, color[3], used.get("color"))._asdict())
-        return material_of(self._clear(material, entry, used.get("transmission")))
+        material = self._clear(material, entry, used.get("transmission"))
+        shares = (*color, *(getattr(material, name) for name in _SHARES))
+        self.notices.ignore(BEYOND, int(not all(0 <= share <= 1 for share in shares)))
+        return material_of(material)
 
-    def _layers(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    def _layers(self, entry: dict[str, Any], used: dict[str, _Use]) -> dict[str, Any]:
         """Return the fields of a material that KHR_materials_specular, _clearcoat, _sheen and _anisotropy decide."""
         sheen, brush = _extension(entry, "sheen"), _extension(entry, "anisotropy")
         fibres = [min(max(x, 0.0), 1.0) for x in numbers_of(sheen, "sheenColorFactor", (0, 0, 0))]
@@ -163,25 +177,25 @@ class GltfMaterials:
             "anisotropy_picture": self._picture(used.get("brush")),
         }
 
-    def _normals(self, used: dict[str, Any] | None) -> Texture | None:
+    def _normals(self, use: _Use | None) -> Texture | None:
         """Return the picture of normals (section 3.9.3)."""
-        picture = self._picture(used)
-        return None if picture is None or used is None else picture.normals(number_of(used, "scale", 1))
+        picture = self._picture(use)
+        return None if picture is None or use is None else picture.normals(number_of(use.texture, "scale", 1))
 
-    def _alpha(self, entry: dict[str, Any], factor: float, used: dict[str, Any] | None) -> Alpha:
+    def _alpha(self, entry: dict[str, Any], factor: float, use: _Use | None) -> Alpha:
         """Return the effect of alpha (section 3.9.4): a mask cuts out, blending makes clear."""
         mode, cutoff = entry.get("alphaMode", "OPAQUE"), number_of(entry, "alphaCutoff", 0.5)
         if mode not in _ALPHA_MODES:
             return Alpha()
-        picture = self._picture(used, alpha=True)
+        picture = self._picture(use, alpha=True)
         return alpha_of(mode, factor, cutoff, picture, self.notices)
 
-    def _clear(self, material: GltfMaterial, entry: dict[str, Any], used: dict[str, Any] | None) -> GltfMaterial:
+    def _clear(self, material: GltfMaterial, entry: dict[str, Any], use: _Use | None) -> GltfMaterial:
         """Return a material with its transmission, and the medium inside the body."""
         factor = number_of(_extension(entry, "transmission"), "transmissionFactor", 0)
         if factor <= 0:
             return material
-        material = replace(material, transmission=factor, transmission_picture=self._picture(used))
+        material = replace(material, transmission=factor, transmission_picture=self._picture(use))
         volume = _extension(entry, "volume")
         thickness = number_of(volume, "thicknessFactor", 0)
         if thickness <= 0 or material.ior == 0:  # a surface of the index 0 mirrors all
@@ -197,20 +211,20 @@ class GltfMaterials:
             self.notices.ignore(text, int(is_lost))
         return replace(material, opacity=1.0, blend=None)
 
-    def _picture(self, used: dict[str, Any] | None, *, alpha: bool = False) -> Picture | None:
+    def _picture(self, use: _Use | None, *, alpha: bool = False) -> Picture | None:
         """Return the picture of a texture that a material uses; None, with a notice, where it cannot be read."""
-        if not used:
+        if use is None:
             return None
         try:
-            return self._read_picture(used, alpha)
+            return self._read_picture(use, alpha)
         except BadEntry:
             raise
         except BROKEN as error:
-            self.notices.miss(f"texture {used.get('index')}", reason_of(error))
+            self.notices.miss(f"texture {use.texture.get('index')}", reason_of(error))
             return None
 
-    def _read_picture(self, used: dict[str, Any], alpha: bool) -> Picture | None:
-        texture = self.document.one("textures", needed(used, "index"))
+    def _read_picture(self, use: _Use, alpha: bool) -> Picture | None:
+        texture = self.document.one("textures", needed(use.texture, "index"))
         sampler = self.document.one("samplers", texture["sampler"]) if "sampler" in texture else {}
         across, down = (sampler.get(key, 10497) for key in ("wrapS", "wrapT"))
         if across != down and not alpha:
@@ -229,7 +243,9 @@ class GltfMaterials:
 
         filter: Filter = "nearest" if sampler.get("magFilter") == _NEAREST else "linear"
         wrap = _WRAPS.get(across, "repeat")
-        return self.pictures.get(source, str(name), contents, wrap=wrap, filter=filter, alpha=alpha)
+        transform = None if use.transform == _PLAIN else use.transform
+        options: dict[str, Any] = {"wrap": wrap, "filter": filter, "alpha": alpha, "transform": transform}
+        return self.pictures.get(source, str(name), contents, **options)
 
 
 class _Place(NamedTuple):
@@ -250,6 +266,28 @@ class _Place(NamedTuple):
         """The matrix (2, 2) that scales, then rotates counter-clockwise as the picture is seen, where v runs down."""
         cos, sin = math.cos(self.angle), math.sin(self.angle)
         return np.array([[cos, sin], [-sin, cos]]) * self.scale
+
+    def beside(self, base: _Place) -> Transform | None:
+        """Return the `Texture.transform` of a picture here where the mesh has the coordinates of `base`.
+
+        None where there is none: for another set of coordinates, and where `base` makes a line or a point of the mesh.
+        """
+        if self == base:
+            return _PLAIN
+        if self.uv_set != base.uv_set or np.linalg.det(base.turn) == 0:
+            return None
+        between, corner = self.turn @ np.linalg.inv(base.turn), np.array([0.0, 1.0])
+        flip = np.array([1.0, -1.0])  # v runs down in glTF, up here
+        offset = flip * (between @ (corner - base.offset) + self.offset) + corner
+        (a, b), (c, d) = (flip[:, None] * between * flip).tolist()
+        return (a, b, float(offset[0])), (c, d, float(offset[1]))
+
+
+class _Use(NamedTuple):
+    """A textureInfo of a material, and the transform of its picture; None for a picture that is not read."""
+
+    texture: dict[str, Any]
+    transform: Transform | None
 
 
 def _place(texture: dict[str, Any]) -> _Place:

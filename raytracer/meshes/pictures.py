@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from raytracer.appearance.deep_pictures import is_deep
 from raytracer.appearance.materials import CUTOFF, Triple
-from raytracer.appearance.textures import Filter, Texture, Wrap, linear, opened, pixels_of
+from raytracer.appearance.textures import Filter, Texture, Transform, Wrap, linear, opened, pixels_of
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import Notices, shown
 
@@ -68,7 +68,16 @@ class Picture:
     `budget` is that of the textures which are made of pictures.
     """
 
-    def __init__(self, pixels: Pixels, name: str, wrap: Wrap, filter: Filter, budget: Budget) -> None:
+    def __init__(
+        self,
+        pixels: Pixels,
+        name: str,
+        wrap: Wrap,
+        filter: Filter,
+        budget: Budget,
+        transform: Transform | None = None,
+    ) -> None:
+        self.transform = transform
         self.pixels = pixels if pixels.ndim == 3 else pixels[..., None]
         self.budget = budget
         self.name, self.wrap, self.filter = name, wrap, filter
@@ -146,13 +155,13 @@ class Picture:
 
     def texture(self, pixels: Pixels, *, srgb: bool) -> Texture:
         """Return a Texture of other pixels that is read as this picture is."""
-        texture = Texture(pixels, srgb=srgb, filter=self.filter, wrap=self.wrap)
+        texture = Texture(pixels, srgb=srgb, filter=self.filter, wrap=self.wrap, transform=self.transform)
         texture.name = self.name
         return texture
 
     def like(self, pixels: Pixels) -> Picture:
         """Return a picture of other pixels that materials read as this one."""
-        return Picture(pixels, self.name, self.wrap, self.filter, self.budget)
+        return Picture(pixels, self.name, self.wrap, self.filter, self.budget, self.transform)
 
     def memoize(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """Return the result of `make`, which is called once for each key."""
@@ -186,6 +195,7 @@ class Pictures:
         wrap: Wrap = "repeat",
         filter: Filter = "linear",
         alpha: bool = False,
+        transform: Transform | None = None,
     ) -> Picture | None:
         """Return the picture that is known by `key`; None, with a notice that has its `name`, if it cannot be read.
 
@@ -198,7 +208,8 @@ class Pictures:
         pixels = self._pixels[key]
         if pixels is None:
             return None
-        return self._pictures.setdefault((key, wrap, filter), Picture(pixels, name, wrap, filter, self._made_budget))
+        picture = Picture(pixels, name, wrap, filter, self._made_budget, transform)
+        return self._pictures.setdefault((key, wrap, filter, transform), picture)
 
     def _read(self, name: str, source: Callable[[], Any], alpha: bool) -> Pixels | None:
         try:

@@ -146,6 +146,8 @@ class EnvironmentLight:
         if callable(source):
             self.program = source
         elif isinstance(source, Texture):
+            if source.transform is not None:
+                raise SceneError("the picture of an EnvironmentLight has no transform: rotation= turns it")
             self.picture = source
         elif isinstance(source, str | PathLike) or array_of("the pixels of an EnvironmentLight", source).ndim in (2, 3):
             self.picture = Texture(source)

@@ -50,7 +50,7 @@ from raytracer.scene.lights import Light
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
 _FLAT = (".glb", ".gltf")
 """The formats whose meshes are flat where they have no normals: glTF 2.0, section 3.7.2.1."""
-_PICTURES = ("map_kd", "map_ke", "map_d", "map_pr", "map_pm")
+_PICTURES = ("map_kd", "map_ke", "map_d", "map_pr", "map_pm", "norm")
 """The statements of an MTL file whose pictures are read."""
 _LONGEST = 200
 """Characters of a reader's own message that are shown."""
@@ -272,15 +272,14 @@ class Library:
             return None
         statement = picture_words(words)
         for option in statement.options:
-            if option != "-clamp":
+            if option not in ("-clamp", "-s", "-o"):
                 self.notices.ignore(f"{option} of pictures")
         wrap: Wrap = "clamp" if statement.options.get("-clamp") == ["on"] else "repeat"
-        picture = self._picture_file(statement.file, beside, wrap, alpha=mask)
-        return self._picture_file(statement.file, beside, wrap, alpha=False) if mask and picture is None else picture
-
-    def _picture_file(self, file: str, beside: Path, wrap: Wrap, *, alpha: bool) -> Picture | None:
-        find = partial(self.folder.find, file, beside)
-        return self.pictures.get((beside, file), file, find, wrap=wrap, alpha=alpha)
+        find = partial(self.folder.find, statement.file, beside)
+        read = partial(self.pictures.get, (beside, statement.file), statement.file, find, wrap=wrap)
+        read = partial(read, transform=statement.transform)
+        picture = read(alpha=mask)
+        return read(alpha=False) if mask and picture is None else picture
 
 
 def _plain(path: Path, data: bytes, notices: Notices, materials: bool, multiscatter: bool) -> Contents:

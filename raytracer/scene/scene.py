@@ -214,6 +214,8 @@ def furnished(
 
 def _background(value: Any) -> Background:
     """Return the background of a scene, a colour as three floats; SceneError for anything but the three kinds."""
+    if isinstance(value, Texture) and value.transform is not None:
+        raise SceneError("a background fills the picture or surrounds the scene: its Texture has no transform")
     if isinstance(value, Texture) or callable(value):
         background: Background = value
         return background

@@ -19,6 +19,7 @@ AHEAD = Camera((0, 0, 4), (0, 0, 0), projection="orthographic", span=2)
 MATT = {"specular": {"specularFactor": 0}}
 """The extensions of a material that mirrors nothing."""
 WALL = Mesh(5 * SQUARE - (0, 0, 1), [[0, 1, 2], [0, 2, 3]], material=Material((0, 1, 0), 1.0, 0.0))
+OUTSIDE = "factors of materials outside of 0 to 1 (1)"
 HALF = png(np.full((1, 1, 4), 128))
 
 
@@ -302,7 +303,7 @@ def test_mtl_sends_out_no_more_light_than_it_receives(tmp_path, text, diffuse, s
         ("Kd 1 0.5 0\nPr 0.25", [], MetallicRoughness((1, 0.5, 0), 0, 0.25)),
         ("Pm 1\nPr 0\nKe 1 2 3", [], MetallicRoughness(metallic=1, roughness=0, emission=(1, 2, 3))),
         ("Pc 0.5\nPcr 0.25\nNi 2", [], MetallicRoughness(ior=2, clearcoat=0.5, clearcoat_roughness=0.25)),
-        ("Pr 2\nPm -1\nKd 4 1 0", [], MetallicRoughness((1, 1, 0), 0, 1)),
+        ("Pr 2\nPm -1\nKd 4 1 0", [OUTSIDE], MetallicRoughness((1, 1, 0), 0, 1)),
         ("Pr 0.5\nKs 1 1 1\nNs 9\nillum 3\nd 0.25", [], MetallicRoughness(alpha=0.25)),
         ("Pr 0.5\nTr 1", ["Tr 1 of materials without d, which are opaque (1)"], MetallicRoughness()),
         ("Pr 0.5\nPs 0\naniso 0\nanisor 0.0", [], MetallicRoughness()),
@@ -335,6 +336,33 @@ def test_physical_pictures_of_mtl(tmp_path):
     ignored = "pictures of the metal of clear bodies (1)"
     body = obj(tmp_path, "illum 7\nd 0.25\nmap_Pr grey.png\nmap_Pm grey.png", ignored, grey=picture)
     assert (body.is_body, body.ior, body.transmission, body.metallic) == (True, 1.5, 0.75, pytest.approx(0.6))
+
+
+@pytest.mark.parametrize(("text", "field"), [("", "normal_map"), ("Pr 0.5\n", "normal")])
+def test_normals_of_mtl(tmp_path, text, field):
+    picture = png([[[128, 128, 255], [255, 128, 128]]])
+    texture = getattr(obj(tmp_path, f"{text}norm lean.png", lean=picture), field)
+    np.testing.assert_allclose(texture.image, [[[0.5, 0.5, 1], [1, 0.5, 0.5]]], atol=0.003)
+
+
+@pytest.mark.parametrize(
+    ("options", "transform"),
+    [
+        ("-s 2 3 1 -o 0.5 -1 0", ((2, 0, 0.5), (0, 3, -1))),
+        ("-s 4", ((4, 0, 0), (0, 1, 0))),
+        ("-o 0.25 0.5", ((1, 0, 0.25), (0, 1, 0.5))),
+        ("-clamp on", None),
+    ],
+)
+def test_pictures_of_mtl_are_scaled_and_moved(tmp_path, options, transform):
+    material = obj(tmp_path, f"map_Kd {options} half.png\nKd 1 1 1", half=HALF)
+    assert material.color.transform == transform
+
+
+@pytest.mark.parametrize("look", [{"metallicFactor": 2}, {"roughnessFactor": -1}, {"baseColorFactor": [5, 0, 0, 1]}])
+def test_factors_of_gltf_beyond_their_range_are_named(tmp_path, look):
+    material = gltf(tmp_path, OUTSIDE, pbrMetallicRoughness=look)
+    assert max(material.metallic, material.roughness, *material.base_color) <= 1
 
 
 def test_the_brightest_pixel_of_a_picture_bounds_what_mtl_sends_out(tmp_path):

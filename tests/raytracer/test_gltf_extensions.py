@@ -82,14 +82,73 @@ def test_a_picture_whose_coordinates_are_rotated(tmp_path, quarters, color):
     assert image.pixels[7, 10].tolist() == color
 
 
-def test_textures_of_one_material_that_are_moved_apart(tmp_path):
+def textured(file, transform, picture=0.8):
+    """A textureInfo with a transform of its own."""
+    extensions = {"extensions": {"KHR_texture_transform": transform}} if transform else {}
+    return {"index": file.picture(np.full((2, 2, 3), 255 * picture, np.uint8))} | extensions
+
+
+def downward(uv):
+    """Coordinates whose v runs down, as in glTF."""
+    return uv * (1, -1) + (0, 1)
+
+
+def moved_by(transform, uv):
+    """KHR_texture_transform: scale, rotate, then add the offset."""
+    cos, sin = np.cos(transform.get("rotation", 0)), np.sin(transform.get("rotation", 0))
+    turned = uv * transform.get("scale", (1, 1)) @ np.array([[cos, -sin], [sin, cos]])
+    return turned + transform.get("offset", (0, 0))
+
+
+@pytest.mark.parametrize("first", [{}, {"scale": [2, -3], "rotation": 0.5, "offset": [0.25, 1]}])
+@pytest.mark.parametrize("normals", [None, {"scale": [0.5, 2], "rotation": -1}])
+def test_textures_of_one_material_that_are_moved_apart(first, normals, tmp_path):
+    file, other = File(), {"scale": [4, 0.5], "rotation": 2, "offset": [-1, 0.125]}
+    look = {"baseColorTexture": textured(file, first)}
+    named = {} if normals is None else {"normalTexture": textured(file, normals)}
+    named |= {"emissiveTexture": textured(file, other), "emissiveFactor": [1, 1, 1]}
+    file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look, **named))))
+    mesh = Scene.load(file.save(tmp_path / "apart.glb")).meshes[0]
+    plain = np.pad(np.eye(2), ((0, 0), (0, 1)))
+    for texture, transform in ((mesh.material.base_color, first), (mesh.material.emission, other)):
+        rows = np.array(plain if texture.transform is None else texture.transform)
+        read = mesh.uv @ rows[:, :2].T + rows[:, 2]
+        expected = moved_by(transform, CORNERS)[np.reshape(HALVES, (2, 3))]
+        np.testing.assert_allclose(downward(read), expected, atol=1e-6)
+    assert normals is None or mesh.material.normal.transform is None
+
+
+@pytest.mark.parametrize(
+    "emissive",
+    [
+        {"texCoord": 1},
+        {"extensions": {"KHR_texture_transform": {"texCoord": 1}}},
+    ],
+)
+def test_textures_at_second_coordinates_are_named(emissive, tmp_path):
     file = File()
-    texture = file.picture(np.full((2, 2, 3), 200))
-    apart = {"index": texture, "extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}
-    look = {"baseColorTexture": {"index": texture}}
-    file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look, emissiveTexture=apart))))
+    look = {"baseColorTexture": textured(file, {})}
+    file.node(
+        mesh=file.mesh(
+            file.square(
+                material=file.material(pbrMetallicRoughness=look, emissiveTexture=textured(file, {}) | emissive)
+            )
+        )
+    )
     with pytest.warns(sh.ShpyWarning, match=r"second uv coordinates or transforms in materials \(1\)"):
         Scene.load(file.save(tmp_path / "apart.glb"))
+
+
+def test_a_picture_beside_coordinates_without_area_is_named(tmp_path):
+    file = File()
+    look = {"baseColorTexture": textured(file, {"scale": [0, 1]})}
+    file.node(
+        mesh=file.mesh(
+            file.square(material=file.material(pbrMetallicRoughness=look, emissiveTexture=textured(file, {})))
+        )
+    )
+    with pytest.warns(sh.ShpyWarning, match=r"second uv coordinates or transforms in materials \(1\)"):
+        Scene.load(file.save(tmp_path / "flat.glb"))
 
 
 GLOSSY = "KHR_materials_pbrSpecularGlossiness"

@@ -43,7 +43,7 @@ newmtl wood
 Kd 1 0.5 0.25
 Ks 0.2 0.3 0.4
 Ns 60
-map_Kd -s 1 1 1 -clamp on brown paint.png
+map_Kd -s 1 1 1 -mm 0 1 -clamp on brown paint.png
 newmtl Steel #2
 Kd .5 .5 .5
 Ks 0.9
@@ -68,7 +68,7 @@ def test_parts_have_names_and_materials(chair):
         scene = Scene.load(chair)
     assert [mesh.name for mesh in scene.meshes] == ["chair", "chair_1", "table", "table_1", "floor"]
     assert [len(mesh) for mesh in scene.meshes] == [1, 1, 1, 3, 2]
-    ignored = "-s of pictures (1), light beyond what surfaces receive (2), normal maps (1)"
+    ignored = "-mm of pictures (1), light beyond what surfaces receive (2), bump maps (1)"
     assert [str(w.message) for w in caught] == [f"chair.obj: ignored: {ignored}"]
     wood, steel, again, _, _ = (mesh.material for mesh in scene.meshes)
     assert isinstance(wood.color, Texture)
@@ -234,8 +234,8 @@ def test_the_command_renders_a_file_and_warns_in_lines(chair, capsys):
     assert main(["render", str(chair), "--backend", "numpy", "--size", "24x24", "-o", str(picture)]) == 0
     said = capsys.readouterr().err.splitlines()
     assert [line for line in said if "warning" in line] == [
-        "raytracer: warning: chair.obj: ignored: -s of pictures (1), light beyond what surfaces receive (2), "
-        "normal maps (1)"
+        "raytracer: warning: chair.obj: ignored: -mm of pictures (1), light beyond what surfaces receive (2), "
+        "bump maps (1)"
     ]
     assert picture.exists()
 
