@@ -245,8 +245,8 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
         notices.ignore("partial transparency of pictures")
     material = _layers(words, pictures, clear, notices) if layered else _phong(words, pictures, clear, notices)
     if pictures.normals is not None:
-        field = "normal" if layered else "normal_map"
-        material = replace(material, **{field: pictures.normals.normals(1.0)})
+        field: dict[str, Any] = {"normal" if layered else "normal_map": pictures.normals.normals(1.0)}
+        material = replace(material, **field)
     return replace(
         material,
         emission=_color(_rgb(words, "ke", 0.0 if pictures.emission is None else 1.0), pictures.emission),
