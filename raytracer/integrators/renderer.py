@@ -20,6 +20,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+import shpy as sh
 from raytracer.accel.choice import INSTANCES, MOVABLE
 from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError
@@ -260,7 +261,14 @@ class Renderer:
             program = eye_rays(self._tracer, rays)
         recorded = time.perf_counter()
         # No loop limit: each iteration of the walk finishes a triangle or a cell, each iteration of the tracer a ray.
-        kernel = program.compile(self.backend, **self._options, loop_limit=None)
+        try:
+            kernel = program.compile(self.backend, **self._options, loop_limit=None)
+        except sh.CompileError as error:
+            if self.backend != "glsl":
+                raise
+            # The lines that it names, and its cure, are those of our kernels.
+            reason = f"GLSL cannot run the kernel of this scene here: {error.message}"
+            raise sh.CompileError(reason, cure='backend="opencl" or backend="numpy"', lacks=error.lacks) from None
         self.record_seconds += recorded - started
         self.compile_seconds += time.perf_counter() - recorded
         return {"program": program, "kernel": kernel, "params": program.params}

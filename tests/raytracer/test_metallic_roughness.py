@@ -380,3 +380,12 @@ def test_layered_objects_move_and_change_shape(integrator):
         expected = render(Scene([moved, ground], scene.lights, CAMERA), (12, 8), integrator=integrator, backend="numpy")
         np.testing.assert_array_equal(image.pixels, expected.pixels)
     assert renderer.builds == 2
+
+
+def test_a_material_that_glsl_cannot_compile_is_an_error_that_names_other_backends():
+    everything = MetallicRoughness(
+        (1, 0.5, 0.2), metallic=0.5, roughness=0.3, clearcoat=1, sheen_color=(0.5, 0.5, 0.5), anisotropy=0.5
+    )
+    with pytest.raises(sh.CompileError, match=r"^GLSL cannot run the kernel of this scene here: OpenGL") as caught:
+        render(Scene([box(material=everything)]), (4, 4), backend="glsl", fuse=True)
+    assert caught.value.cure == 'backend="opencl" or backend="numpy"'
