@@ -383,9 +383,8 @@ def test_layered_objects_move_and_change_shape(integrator):
 
 
 def test_a_material_that_glsl_cannot_compile_is_an_error_that_names_other_backends():
-    everything = MetallicRoughness(
-        (1, 0.5, 0.2), metallic=0.5, roughness=0.3, clearcoat=1, sheen_color=(0.5, 0.5, 0.5), anisotropy=0.5
-    )
+    layers = {"clearcoat": 1.0, "sheen_color": (0.5, 0.5, 0.5), "sheen_roughness": 0.4, "anisotropy": 0.5}
+    everything = MetallicRoughness((1, 0.5, 0.2), 0.5, 0.3, transmission=0.5, thickness=1.0, **layers)
     with pytest.raises(sh.CompileError, match=r"^GLSL cannot run the kernel of this scene here: OpenGL") as caught:
-        render(Scene([box(material=everything)]), (4, 4), backend="glsl", fuse=True)
+        render(Scene([box(material=everything)]), (4, 4), backend="glsl", integrator=Path(samples=1, fuse=True))
     assert caught.value.cure == 'backend="opencl" or backend="numpy"'
