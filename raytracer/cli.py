@@ -59,6 +59,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("always", sh.ShpyWarning)
             warnings.showwarning = _show
+            _name_backend(options)
             return int(options.run(options))
     except BrokenPipeError:
         raise
@@ -68,11 +69,8 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _name_backend(options: argparse.Namespace) -> None:
-    """Say why numpy computes, where the user has chosen no backend and OpenCL cannot.
-
-    The scene is read before: `shpy_start` opens the device meanwhile.
-    """
-    if options.backend is None:
+    """Say why numpy computes, where the user has chosen no backend and OpenCL cannot."""
+    if options.run in (_render, _animate, _gallery, _tradeoff) and options.backend is None:
         chosen = sh.default_backend(long=True)
         if chosen == "numpy" and not chosen.pinned:
             print(f"raytracer: numpy computes: {chosen.why}", file=sys.stderr)
@@ -291,7 +289,6 @@ def _render_picture(options: argparse.Namespace, first_rows: Callable[[], None])
         if options.resume:
             raise SceneError("--resume adds samples to the output, and --denoise changes its pixels: leave one out")
     scene = _still(options) if options.time is None else scene_at(options, options.time)
-    _name_backend(options)
     title, resume_path = f"{scene.name}, {scene.triangles:,} triangles", None
     if isinstance(chosen_integrator, integrator.Path):
         title, resume_path = f"{title}, {chosen_integrator.samples:,} samples", _begun(options, output)
@@ -382,7 +379,6 @@ def _tradeoff(options: argparse.Namespace) -> int:
     scene = viewing.find_scene(options.scene)
     if options.output is not None:
         sh.outputs.check_output(options.output)
-    _name_backend(options)
     with progress_bar(f"{scene.name}: variants") as progress:
         comparison = tradeoff(
             scene, max_error=options.error, backend=options.backend, bounces=options.bounces, progress=progress
@@ -413,7 +409,6 @@ def _study(options: argparse.Namespace) -> int:
 
 
 def _gallery(options: argparse.Namespace) -> int:
-    _name_backend(options)
     arguments: dict[str, Any] = {
         "backend": options.backend,
         "samples": options.samples,
@@ -442,7 +437,6 @@ def _animate(options: argparse.Namespace) -> int:
     framed = Path(options.scene).suffix.lower() in FORMATS
     viewing.check(options, output, framed=framed)
     make, frames, fps = _moving(options)
-    _name_backend(options)
     steps = animate(make, output, frames, fps=fps, **asked, **arguments)
     with progress_bar(f"{options.scene}, {frames:,} frames") as progress:
         done = 0

@@ -16,14 +16,10 @@ import importlib
 import os
 import signal
 import sys
-import threading
-from contextlib import suppress
 from dataclasses import dataclass
 from types import FrameType
 
 COMMANDS = ("shpy", "raytracer")
-PICTURES = ("render", "animate", "gallery", "tradeoff")
-"""The commands of `raytracer` that compute on OpenCL where its device has numpy's bits."""
 
 
 @dataclass(frozen=True)
@@ -83,27 +79,7 @@ def shpy() -> int:
 
 def raytracer() -> int:
     """Run the command `raytracer`."""
-    if _takes_default(sys.argv[1:]):
-        threading.Thread(target=_open_device, name="shpy-start").start()
     return start("raytracer", "raytracer.cli")
-
-
-def _takes_default(arguments: list[str]) -> bool:
-    """Return whether a command will ask for the default device."""
-    others = ("-h", "--h", "--backe", "--clu")  # --help, --backend and --cluster, which may be shortened
-    return bool({*arguments[:1]} & {*PICTURES}) and not any(word.startswith(others) for word in arguments)
-
-
-def _open_device() -> None:
-    """Ask the default device for its answers while the ray tracer is imported and reads the scene.
-
-    The first build of a process takes PoCL 0.6 s, in which it needs no Python. Errors are for the main thread, which
-    asks again.
-    """
-    # as a whole, first: two threads that import a package from both ends would wait for each other
-    shpy = importlib.import_module("shpy")  # by name, as `shpy` imports this package
-    with suppress(Exception):
-        shpy.default_backend(long=True)
 
 
 if (_name := _run_by_name()) in COMMANDS:

@@ -163,46 +163,6 @@ def test_ctrl_c_while_a_command_is_imported_is_one_line_and_130(name, imported):
     assert (done.returncode, done.stdout, done.stderr) == (130, "", f"{name}: stopped\n")
 
 
-@pytest.mark.parametrize("imported", ["pyopencl", "raytracer.studies.tradeoff"])
-def test_ctrl_c_while_a_thread_opens_the_device_is_one_line_and_130(imported, tmp_path):
-    script = INTERRUPTED.format(command="raytracer").replace("sys.argv[1]", repr(imported))
-    words = [sys.executable, "-c", script, "render", "boxes", "-o", str(tmp_path / "boxes.png")]
-    environment = os.environ | {"SHPY_BACKEND": "auto"}
-    done = subprocess.run(words, capture_output=True, text=True, timeout=HANGING, env=environment)
-    assert (done.returncode, done.stdout) == (130, "")
-    assert done.stderr.rstrip("\n") in ("raytracer: stopped", "raytracer: stopped; nothing was written")
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_device_that_cannot_be_opened_ahead_is_said_once(tmp_path):
-    environment = os.environ | {"SHPY_BACKEND": "auto", "OCL_ICD_VENDORS": str(tmp_path / "nowhere")}
-    words = ["raytracer", "render", "boxes", "--size", "4x4", "-o", str(tmp_path / "boxes.png")]
-    done = subprocess.run(
-        [sys.executable, "-m", *words], capture_output=True, text=True, timeout=HANGING, env=environment
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.startswith("raytracer: numpy computes: opencl needs an OpenCL driver")
-    assert done.stderr.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("words", "takes"),
-    [
-        ("render mixed", True),
-        ("animate boxes -o a.gif", True),
-        ("render mixed --backend numpy", False),
-        ("render mixed --backend=glsl", False),
-        ("render mixed --bounces 2 --background sky.hdr --clip walk --clamp 1", True),
-        ("render --help", False),
-        ("render mixed --cluster localhost:8786", False),
-        ("scenes render", False),
-        ("", False),
-    ],
-)
-def test_the_device_is_opened_for_commands_that_will_ask_for_it(words, takes):
-    assert shpy_start._takes_default(words.split()) is takes
-
-
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("options", [["-m", "{}"], ["-m{}"], ["-W", "ignore", "-Bm", "{}"]])
 @pytest.mark.parametrize(
