@@ -15,6 +15,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -59,8 +60,9 @@ def _run(arguments: Sequence[str] | None) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("always", sh.ShpyWarning)
             warnings.showwarning = _show
-            _name_backend(options)
-            return int(options.run(options))
+            with ThreadPoolExecutor(1, "raytracer-device") as meanwhile:
+                meanwhile.submit(_name_backend, options)
+                return int(options.run(options))
     except BrokenPipeError:
         raise
     except (SceneError, ClusterError, sh.ShpyError, OSError) as error:
@@ -69,7 +71,10 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _name_backend(options: argparse.Namespace) -> None:
-    """Say why numpy computes, where the user has chosen no backend and OpenCL cannot."""
+    """Say why numpy computes, where the user has chosen no backend and OpenCL cannot.
+
+    A thread does so while the scene is read, since it opens the device. The command itself meets the errors.
+    """
     if options.run in (_render, _animate, _gallery, _tradeoff) and options.backend is None:
         chosen = sh.default_backend(long=True)
         if chosen == "numpy" and not chosen.pinned:

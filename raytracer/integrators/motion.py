@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raytracer.accel.bvh import MANY
 from raytracer.accel.space import frame_of
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
@@ -223,6 +224,11 @@ def laid_out(
     else:
         cubes = scene_cube(integrator, scene, backend)
     return replace(layout, secondary=cubes)
+
+
+def runs_kernels(integrator: Integrator, scene: Scene) -> bool:
+    """Return whether `laid_out` may take its backend's kernels; the tables of other scenes are soon there."""
+    return has_cubes(integrator) or not 0 < scene.triangles < MANY
 
 
 def has_cubes(integrator: Integrator) -> bool:

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import shpy as sh
 from raytracer.accel.choice import INSTANCES, MOVABLE
-from raytracer.backends import chosen_backend
+from raytracer.backends import chosen_meanwhile
 from raytracer.errors import SceneError
 from raytracer.image import ALPHA, LAYERS, Image, Stats
 from raytracer.integrators.integrator import Choice, Options, Path, Staged, check_scene, chosen
@@ -38,7 +38,7 @@ from raytracer.integrators.layers import (
     unset,
     whole_size,
 )
-from raytracer.integrators.motion import Motion, all_or_nothing, laid_out, moved_instances, moved_rows
+from raytracer.integrators.motion import Motion, all_or_nothing, laid_out, moved_instances, moved_rows, runs_kernels
 from raytracer.integrators.origin import origin_of
 from raytracer.integrators.primary import GBuffer, first_tables, seen_inputs, size_of
 from raytracer.integrators.progressive import check_resume, passes, resumed
@@ -83,7 +83,8 @@ class Renderer:
         self.integrator = chosen(integrator, options)
         check_scene(scene)
         self.scene = scene
-        self.backend = chosen_backend(backend)
+        chosen_later = chosen_meanwhile(backend)
+        self.backend = chosen_later() if runs_kernels(self.integrator, scene) else "numpy"
         self.build_seconds = self.record_seconds = self.compile_seconds = 0.0
         self.features: dict[str, bool | int] = {}
         self.staged: StagedTracer | None = None
@@ -96,7 +97,7 @@ class Renderer:
         self._motion = Motion(scene.meshes)
         self._moving: tuple[int, ...] = ()
         self._transparent, self._seen = transparent, primary
-        self._prepare()
+        self._prepare(chosen_later)
 
     def __deepcopy__(self, memo: Any) -> Renderer:
         """Return a renderer of its own: a program is its own copy, so kernels with other params are recorded."""
@@ -106,8 +107,8 @@ class Renderer:
         renderer._prepare()
         return renderer
 
-    def _prepare(self) -> None:
-        """Build the accelerators, and record and compile the kernel of the scene's camera."""
+    def _prepare(self, backend: Callable[[], str] | None = None) -> None:
+        """Build the accelerators, then ask for the `backend`, and record and compile the kernel for the camera."""
         scene, chosen, before, self.layout = self.scene, self.integrator, self.layout, None
         if not scene.triangles:
             return
@@ -116,6 +117,7 @@ class Renderer:
         started = time.perf_counter()
         self.layout = laid_out(chosen, scene, self._motion, self._moving, self.backend, before and before.secondary)
         self.build_seconds = time.perf_counter() - started
+        self.backend = self.backend if backend is None else backend()
         secondary = self.layout.secondary
         self._options: dict[str, Any] = self.integrator.arithmetic
         self._options |= lanes_of(self.backend, secondary)

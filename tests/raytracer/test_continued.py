@@ -49,7 +49,7 @@ SQUARE = {
     "name": "square",
     "uv": [[0, 0], [1, 0], [1, 1], [0, 1]],
 }
-PLACE, ASIDE = np.eye(4), np.diag([0.5, 1, 1, 1.0])
+PLACE, ASIDE, SWAP = np.eye(4), np.diag([0.5, 1, 1, 1.0]), ((0, 1, 0), (1, 0, 0))
 GAIN = sh.Param(sh.Attrib1f, 0.5, name="gain")
 
 
@@ -172,7 +172,7 @@ CUBE |= {"shading": "deferred", "depths": "half"}
 CAMERA = {"position": (0.2, 1.5, 5.001), "target": (0, 0.61, 0), "up": (0, 1, 0.5), "fov": 41, "aperture": 0.2}
 CAMERA |= {"focus": 3.0, "aspect": 1.5}
 PATH = {"bounces": 3, "precision": "f64", "math": "fast", "fuse": True, "seed": 1, "clamp": 0.05}
-PICTURE = {"source": OTHER, "srgb": False, "filter": "nearest", "wrap": "mirror", "alpha": True}
+PICTURE = {"source": OTHER, "srgb": False, "filter": "nearest", "wrap": "mirror", "alpha": True, "transform": SWAP}
 CALIBRATION = {"K": np.diag([5.0, 5.1, 1]), "pose": np.eye(4) + np.eye(4, k=3), "size": (9, 6), "aperture": 0.1}
 CHANGES = {
     "Scene.meshes": change("Scene", "meshes", [floor(8)]),

@@ -1,0 +1,54 @@
+"""The backend of a picture whose user names none: it is chosen while the scene is laid out."""
+
+import threading
+
+import numpy as np
+import pytest
+from patience import HANGING
+
+import shpy as sh
+from raytracer import Renderer, Scene, render
+from raytracer.integrators import renderer as renderers
+from shpy.backend import registry
+
+
+@pytest.fixture(autouse=True)
+def auto(monkeypatch):
+    monkeypatch.setenv("SHPY_BACKEND", "auto")
+    monkeypatch.setattr(registry, "_default", None)
+
+
+def test_a_scene_is_laid_out_while_the_device_opens(monkeypatch):
+    begun, lay_out = threading.Event(), renderers.laid_out
+
+    def laid_out(*args):
+        begun.set()
+        return lay_out(*args)
+
+    def fault():
+        assert begun.wait(HANGING)
+
+    monkeypatch.setattr(renderers, "laid_out", laid_out)
+    monkeypatch.setattr(registry, "_fault_of_opencl", fault)
+    renderer = Renderer(Scene.builtin("boxes"))
+    assert renderer.backend == "opencl"
+    assert renderer.builds == 1
+
+
+@pytest.mark.parametrize("options", [{}, {"accel": "ldc:16"}])
+def test_numpy_takes_the_tables_where_opencl_cannot(monkeypatch, options):
+    monkeypatch.setattr(registry, "_fault_of_opencl", lambda: "a device gets it wrong")
+    scene = Scene.builtin("boxes")
+    image, expected = (render(scene, (16, 12), backend=backend, **options) for backend in (None, "numpy"))
+    assert image.stats.backend == "numpy"
+    np.testing.assert_array_equal(image.pixels, expected.pixels)
+
+
+def test_an_empty_scene_has_the_chosen_backend():
+    assert Renderer(Scene([])).backend == "opencl"
+
+
+def test_errors_of_the_choice_are_those_of_the_caller(monkeypatch):
+    monkeypatch.setenv("SHPY_BACKEND", "nonsense")
+    with pytest.raises(sh.BackendUnavailable, match="SHPY_BACKEND names no backend"):
+        Renderer(Scene.builtin("boxes"))
