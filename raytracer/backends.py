@@ -27,9 +27,9 @@ def chosen_backend(name: str | None, *, shares_cores: bool = False) -> str:
 def chosen_meanwhile(name: str | None) -> Callable[[], str]:
     """Return a function that waits for `chosen_backend(name)`, which a thread of its own asks where that may take long.
 
-    The first build of a process takes PoCL 0.6 to 0.9 s, in which it needs no Python. A cold `raytracer render mixed` takes
-    0.88 of its time (0.82 to 0.91) if the scene is read and laid out meanwhile, 0.49 of numpy's. This may go when the
-    first build takes less than 0.1 s.
+    The first build of a process takes PoCL 0.6 to 0.9 s, in which it needs no Python. A cold `raytracer render mixed`
+    takes 0.88 of its time (0.82 to 0.91) if the scene is read and laid out meanwhile, 0.49 of numpy's. This may go when
+    the first build takes less than 0.1 s.
     """
     if name not in (None, "auto") or sh.default_backend().pinned:
         return lambda: chosen_backend(name)
