@@ -68,12 +68,16 @@ loops carry 56 numbers and more: `mixed` 68 and 91, `glass` 169 and 180, `cornel
 _MOST_EACH: Final = 4
 """The most registers of a value."""
 _MOST_OF_LARGE: Final = 2
-"""The most registers of a value where neighbours in a grid are read, and in a program that gathers or has more than
-`_LARGE` statements.
+"""The most registers of a value in a program that gathers or has more than `_LARGE` statements.
 
-Wider packets take 1.6 times as long to compile. As above: primary rays 22.4, 21.5, 23.9; blur 6.3, 5.0, 5.2; Gray-Scott
-of 256 columns, of whose packets of 64 half stand at a border, 44.9, 41.2, 44.2. The game of life and Jacobi's iteration
-take as long at 64 as at 32 (1.00 and 0.98).
+Wider packets take 1.6 times as long to compile. As above: primary rays 22.4, 21.5, 23.9.
+"""
+_NEIGHBOURS: Final = 32
+"""The numbers of binary32 in a packet where neighbours in a grid are read, if these are at most `_MOST_EACH` registers.
+
+As above: blur 6.3, 5.0, 5.2; Gray-Scott of 256 columns, of whose packets of 64 half stand at a border, 44.9, 41.2,
+44.2; the game of life and Jacobi's iteration take as long at 64 as at 32 (1.00 and 0.98). On AVX2, whose registers hold
+8, packets of 32 take the part of those of 16: Jacobi 0.71, life 0.80, blur 0.94, Gray-Scott 1.01.
 """
 _LARGE: Final = 400
 _GATHERED: Final = 16
@@ -247,15 +251,16 @@ def widths_of(machine: Machine, module: Module, precision: Precision) -> tuple[i
     each = private_memory(module).size
     fits = [n for n in machine.widths if n * _PACKETS * each <= machine.most_private] if each else machine.widths
     fitting = fits or [min(machine.widths)]
-    register = machine.lanes // (2 if precision == "f64" else 1)
+    doubled = 2 if precision == "f64" else 1
+    register = machine.lanes // doubled
     statements = [(f, s) for f in module.functions for s in walk(f.body)]
     loops = [_carried(f, s) for f, s in statements if isinstance(s, Loop)]
     most = min(_MOST_EACH, _REGISTERS // max(loops, default=1) or 1) * register
-    most_of_large = min(most, _MOST_OF_LARGE * register)
+    beside = min(most, max(_MOST_OF_LARGE * register, _NEIGHBOURS // doubled))
     read = sum(s.value.type.size for _, s in statements if isinstance(s, Let) and s.op == "table")
     if len(statements) > _LARGE or (read >= _GATHERED and not loops):
-        most = most_of_large
-    return _widest(fitting, most), _widest(fitting, most_of_large)
+        most = beside = min(most, _MOST_OF_LARGE * register)
+    return _widest(fitting, most), _widest(fitting, beside)
 
 
 def _widest(widths: Sequence[int], most: int) -> int:
