@@ -22,6 +22,8 @@ from typing import Final
 
 _NAME: Final = ".unfinished-"
 _UNFINISHED: Final = re.compile(rf"{re.escape(_NAME)}[0-9a-f]{{16}}(\..*)?", re.DOTALL)
+_TESTS: Final = 5
+"""Number of tests of the permission to write before it is denied."""
 _STALE: Final = 24 * 3600.0
 """Seconds after which an unfinished file can only be left of a process that was killed."""
 
@@ -98,12 +100,13 @@ def _mode_of(target: Path) -> int | None:
     """Return the permissions of a file that is to be replaced; None if there is none."""
     try:
         mode = target.stat().st_mode
+        if not stat.S_ISREG(mode):
+            raise OSError(errno.EINVAL, "it is no regular file")
+        # Another thread may remove the file and write it again between two of these calls: a later test succeeds then.
+        if not any(os.access(target, os.W_OK) for _ in range(_TESTS) if target.stat()):
+            raise PermissionError(errno.EACCES, "its mode does not allow it")
     except FileNotFoundError:
         return None
-    if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, "it is no regular file")
-    if not os.access(target, os.W_OK):
-        raise PermissionError(errno.EACCES, "its mode does not allow it")
     return mode & 0o777
 
 
