@@ -33,6 +33,8 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 WRAPS: Final = get_args(Wrap)
 Transform = tuple[tuple[float, float, float], tuple[float, float, float]]
 """The rows of an affine map of uv coordinates."""
+UNMOVED: Final[Transform] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+"""The transform that leaves uv coordinates as they are."""
 LARGEST: Final = 16384
 """Pixels along a side."""
 _BRIGHTEST: Final = np.finfo(np.float32).max

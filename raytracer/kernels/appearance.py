@@ -26,7 +26,7 @@ from raytracer.appearance.programs import (
     examine_shade,
     examine_surface,
 )
-from raytracer.appearance.textures import WRAPS, Texture
+from raytracer.appearance.textures import UNMOVED, WRAPS, Texture
 from raytracer.errors import SceneError, place_of
 from raytracer.scene.layout import Layout
 from shpy import SH_IF
@@ -38,8 +38,6 @@ _KERNEL_NAMES = {"base_color": "color", "sheen_color": "sheen"}
 """The variables for what a program gives under other names."""
 PART = 1 << 16
 """Texels that are copied at once."""
-_PLAIN = ((1, 0, 0), (0, 1, 0))
-"""The transform that leaves uv coordinates as they are."""
 
 
 class Appearance:
@@ -210,7 +208,7 @@ class Atlas:
         self.filters = {t.filter for t in textures}
         self.moves = None
         if any(t.transform is not None for t in textures):
-            moves = np.array([_PLAIN if t.transform is None else t.transform for t in textures], np.float32)
+            moves = np.array([UNMOVED if t.transform is None else t.transform for t in textures], np.float32)
             self.moves = sh.Table(np.pad(moves.reshape(-1, 3), ((0, 0), (0, 1))), sh.Attrib4f, "moves")
 
     def sample(self, number: Any, uv: Any) -> Any:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.appearance.metallic_roughness import AnyMaterial
-from raytracer.appearance.textures import Filter, Texture, Transform, Wrap
+from raytracer.appearance.textures import UNMOVED, Filter, Texture, Transform, Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import BEYOND, METAL, Alpha, GltfMaterial, alpha_of, isotropic, material_of
 from raytracer.meshes.folder import BadEntry, Notices
@@ -36,7 +36,6 @@ _SHARES: Final = (
     *("sheen_roughness", "anisotropy"),
 )
 """The factors of a material that the specification limits to 0 to 1, beside colours."""
-_PLAIN: Final[Transform] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 class GltfMaterials:
@@ -243,7 +242,7 @@ class GltfMaterials:
 
         filter: Filter = "nearest" if sampler.get("magFilter") == _NEAREST else "linear"
         wrap = _WRAPS.get(across, "repeat")
-        transform = None if use.transform == _PLAIN else use.transform
+        transform = None if use.transform == UNMOVED else use.transform
         options: dict[str, Any] = {"wrap": wrap, "filter": filter, "alpha": alpha, "transform": transform}
         return self.pictures.get(source, str(name), contents, **options)
 
@@ -273,7 +272,7 @@ class _Place(NamedTuple):
         None where there is none: for another set of coordinates, and where `base` makes a line or a point of the mesh.
         """
         if self == base:
-            return _PLAIN
+            return UNMOVED
         if self.uv_set != base.uv_set or np.linalg.det(base.turn) == 0:
             return None
         between, corner = self.turn @ np.linalg.inv(base.turn), np.array([0.0, 1.0])

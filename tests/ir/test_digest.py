@@ -15,11 +15,11 @@ from shpy.testing.conformance.catalogue import all_cases
 
 def changed_texts():
     """Yield the text with one number or word changed, wherever it is one still."""
-    for found in re.finditer(r"\d+|[a-z]+", EVERYTHING):
-        word = found[0]
+    for match in re.finditer(r"\d+|[a-z]+", EVERYTHING):
+        word = match[0]
         other = str(int(word) + 1) if word.isdigit() else {"then": "else", "f": "d", "i": "u"}.get(word, word + "q")
         try:
-            yield parse(EVERYTHING[: found.start()] + other + EVERYTHING[found.end() :])
+            yield parse(EVERYTHING[: match.start()] + other + EVERYTHING[match.end() :])
         except ParseError:
             continue
 
