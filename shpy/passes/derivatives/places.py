@@ -5,9 +5,10 @@ Stage: improve; for `reverse`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from shpy.passes.derivatives.linear import Tangent
+from shpy_start.dataclass import dataclass
 
 
 @dataclass

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from shpy.backend.emit import tree
@@ -43,6 +42,7 @@ from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import REPRODUCIBLE, Math
 from shpy.passes.private import NONE, Private, bytes_of, private_memory
 from shpy.passes.size import not_inlined
+from shpy_start.dataclass import dataclass
 
 ULONG: Final = Own("ulong")
 SIZE: Final = Own("size_t")
