@@ -233,10 +233,12 @@ def _answers_are_for_other_processes():
 
 ONE_LANE = {
     *("chains", "gradients", "streams", "stress", "test_conformance_runs", "test_documentation", "test_examples"),
-    *("test_moving", "test_moving_grid", "test_surfaces", "test_component", "test_transparent", "test_gltf_files"),
-    *("test_queries", "test_repainting", "test_cutouts", "test_extremes", "test_shared_kernels"),
+    "raytracer",
 }
 """Folders and files of tests of what programs mean, whatever their packets: OpenCL's widths have tests of their own."""
+
+PACKETS = {"test_render", "test_path", "test_instances", "test_packet_walk"}
+"""Files of these folders whose pictures, paths, instances and walks run in packets all the same."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -246,7 +248,9 @@ def _one_lane(request):
     A driver compiles that in a third of the time: the tests of tables' gradients and of chains took 26.9 CPU seconds,
     and take 18.1.
     """
-    if not {request.path.stem, request.path.parent.name} & ONE_LANE or request.config.option.markexpr != "not slow":
+    file = request.path.stem
+    among = bool({file, request.path.parent.name} & ONE_LANE) and file not in PACKETS
+    if not among or request.config.option.markexpr != "not slow":
         yield
         return
     compile_for, kind = opencl.compile, type(opencl)

@@ -32,7 +32,10 @@ RUN = [
     "docs/materials.md",
     "docs/tutorial.md",
 ]  # fmt: skip
-ON_NUMPY = {"docs/testing.md", "docs/raytracer.md", "docs/raytracer-pictures.md", "docs/raytracer-files.md"}
+ON_NUMPY = {
+    *("docs/testing.md", "docs/tutorial.md"),
+    *("docs/raytracer.md", "docs/raytracer-pictures.md", "docs/raytracer-files.md"),
+}
 """Documents whose blocks ask for no backend and take half as long on numpy, for each of their kernels runs once."""
 FENCE = re.compile(r"^```(?P<info>\w.*)\n(?P<text>(?:(?!```).*\n)*)```$", re.MULTILINE)
 TABLES = [

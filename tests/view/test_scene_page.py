@@ -33,18 +33,24 @@ def view(tmp_path_factory):
 
 
 @pytest.fixture
-def page(browser, view):
-    """Return a page that shows the scene as it is at first."""
-    if view.path.read_text() != SCENE.format(color=RED):
-        view.save(SCENE.format(color=RED))
+def shown(browser, view):
+    """Return a page that shows the file as the previous test has left it: each version costs a process."""
     with connect(view.url.replace("http", "ws") + "view", origin=view.url.rstrip("/")) as line:
         names = ("material.sphere.color", "light.0.color", "exposure")
         changes = {"scene": {}, "params": dict.fromkeys(names), "playing": False, "time": 0}
         line.send(json.dumps({"do": "set", "changes": changes}))
-    with watched(browser, view, width=1000, height=800) as found:
-        found.wait_for_selector("#code:text-matches('Camera')")
-        settles(found, ("red", True))
-        yield found
+    with watched(browser, view, width=1000, height=800) as page:
+        page.wait_for_selector("#code:text-matches('Camera')")
+        yield page
+
+
+@pytest.fixture
+def page(shown, view):
+    """Return a page that shows the scene as it is at first."""
+    if view.path.read_text() != SCENE.format(color=RED):
+        view.save(SCENE.format(color=RED))
+    settles(shown, ("red", True))
+    return shown
 
 
 PLANES = {"red": 0, "green": 1, "blue": 2}
@@ -197,14 +203,6 @@ def test_time_plays_steps_and_is_chosen(page):
     page.keyboard.press("Space")
 
 
-def test_a_saved_file_is_read_again_and_the_camera_stays(page, view):
-    drag(page)
-    turned = camera(page)
-    view.save(SCENE.format(color=BLUE))
-    settles(page, ("blue", True))
-    assert camera(page) == turned
-
-
 def test_a_mistake_shows_with_its_line_and_the_last_good_picture_stays(page, view):
     view.save(SCENE.format(color="(0.9, 0, nothing)"))
     page.wait_for_selector("#problem:not([hidden])")
@@ -218,6 +216,17 @@ def test_a_mistake_shows_with_its_line_and_the_last_good_picture_stays(page, vie
     view.save(SCENE.format(color=BLUE))
     page.wait_for_selector("#problem", state="hidden")
     settles(page, ("blue", True))
+
+
+def test_a_saved_file_is_read_again_and_the_camera_stays(shown, view):
+    """The one before is blue, or red where this test runs alone."""
+    old, new = (("blue", BLUE), ("red", RED))[:: 1 if BLUE in view.path.read_text() else -1]
+    settles(shown, (old[0], True))
+    drag(shown)
+    turned = camera(shown)
+    view.save(SCENE.format(color=new[1]))
+    settles(shown, (new[0], True), (old[0], False))
+    assert camera(shown) == turned
 
 
 @pytest.mark.slow

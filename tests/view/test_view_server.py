@@ -215,23 +215,17 @@ def test_nothing_listens_beyond_loopback(view):
     assert listeners(view.port) == {"0100007F"}
 
 
-def test_an_address_beyond_loopback_is_asked_for_and_warned_of(tmp_path):
-    path = tmp_path / "wave.py"
-    path.write_text(MOVING)
-    with viewed(path, "--listen", "0.0.0.0", address="0.0.0.0") as found:
-        assert "warning: everybody who reaches this machine" in found.process.stdout.readline()
-        assert get(found, "/", "192.168.0.7:8000")[0] == 200
-        assert get(found, "/", "example.com")[0] == 421
-
-
 def children(process):
     return [int(pid) for pid in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
 
 
-def test_control_c_ends_it_with_its_workers_while_the_file_loops_forever(tmp_path):
+def test_an_address_beyond_loopback_is_warned_of_and_control_c_ends_the_workers_of_a_file_that_loops_forever(tmp_path):
     path = tmp_path / "endless.py"
     path.write_text("while True: pass")
-    with viewed(path) as found, page(found) as socket:
+    with viewed(path, "--listen", "0.0.0.0", address="0.0.0.0") as found, page(found) as socket:
+        assert "warning: everybody who reaches this machine" in found.process.stdout.readline()
+        assert get(found, "/", "192.168.0.7:8000")[0] == 200
+        assert get(found, "/", "example.com")[0] == 421
         told(socket, "busy")
         workers = children(found.process.pid)
         assert len(workers) == 2
@@ -408,13 +402,11 @@ def test_control_c_ends_the_view_of_a_scene_with_one_word():
         assert found.end() == (130, "raytracer: stopped\n")
 
 
-def test_a_warm_process_that_ended_is_said_and_the_next_one_draws(tmp_path):
-    path = tmp_path / "wave.py"
-    path.write_text(MOVING)
-    with viewed(path, "--backend", "numpy", "--size", "4x3") as found, page(found) as socket:
+def test_a_warm_process_that_ended_is_said_and_the_next_one_draws(view):
+    with page(view) as socket:
         told(socket, "frame")
-        wait_until(lambda: len(children(found.process.pid)) == 2)  # the next one warms up a second later
-        for pid in children(found.process.pid):
+        wait_until(lambda: len(children(view.process.pid)) == 2)  # the next one warms up a second later
+        for pid in children(view.process.pid):
             os.kill(pid, signal.SIGKILL)
         assert "ended by signal 9" in told(socket, "error")[0]["message"]
         send(socket, do="record")
