@@ -100,7 +100,7 @@ SHOWN = {
 }
 
 
-@pytest.mark.sampled(16)
+@pytest.mark.sampled(28)
 @pytest.mark.parametrize("name", SHOWN)
 def test_every_backend_shows_the_same_to_the_last_bit(name):
     shown = [SHOWN[name](example(name), backend) for backend in ("numpy", "opencl", "glsl")]

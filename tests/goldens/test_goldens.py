@@ -1,7 +1,7 @@
 """Golden results: every example and built-in scene has the bits of the files in `golden`, on every backend.
 
 A bit that changes is a fault, or a change of the example; then `--shpy-update -m "slow or not slow"` writes the file
-anew. Pictures lie beside the files. One of 16 examples and one of 12 scenes runs by default.
+anew. Pictures lie beside the files. One example and one of 12 scenes runs by default.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def test_every_example_has_a_golden_result():
     assert {name.partition(".")[0] for name in CASES} == files - DRAWN.keys()
 
 
-@pytest.mark.sampled(16)
+@pytest.mark.sampled(31)
 @pytest.mark.parametrize("name", CASES)
 def test_examples_have_their_bits(name, monkeypatch):
     monkeypatch.syspath_prepend(str(EXAMPLES))

@@ -93,6 +93,7 @@ def test_an_anisotropy_of_0_changes_no_light():
     np.testing.assert_allclose(*(image.pixels for image in images), rtol=2e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_programs_decide_it():
     def strokes(hit):
         return Surface(anisotropy=0.7, anisotropy_rotation=20 + 0 * hit.uv.x)
@@ -198,6 +199,7 @@ def test_other_numbers_are_refused(wrong):
         MetallicRoughness(**wrong)
 
 
+@pytest.mark.slow
 def test_a_knot_shows_a_number():
     scene = Scene([knot(2, 3, 0.4, 0.1, BRUSHED, segments=24, sides=6)], [EnvironmentLight((1, 1, 1))], CAMERA)
     assert np.isfinite(render(scene, (8, 6), integrator=Path(samples=2), backend="numpy").pixels).all()

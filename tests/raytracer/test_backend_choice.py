@@ -35,6 +35,7 @@ def test_a_scene_is_laid_out_while_the_device_opens(monkeypatch):
     assert renderer.builds == 1
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("options", [{}, {"accel": "ldc:16"}])
 def test_numpy_takes_the_tables_where_opencl_cannot(monkeypatch, options):
     monkeypatch.setattr(registry, "_fault_of_opencl", lambda: "a device gets it wrong")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scene_pictures import BACKENDS, same
 
+import shpy as sh
 from raytracer import Camera, DirectionalLight, Material, PointLight, Renderer, Scene, SceneError, Surface, render
 from raytracer.integrators.layers import BANDS
 from raytracer.meshes.shapes import box, floor, sphere
@@ -74,6 +75,7 @@ def test_a_panorama_shows_all_directions():
     np.testing.assert_allclose(middle / np.linalg.norm(middle), forward, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_is_in_focus_is_sharp_however_wide_the_lens():
     pinhole = Camera((0, 0, 5), (0, 0, 0), fov=50)
     lens = dataclasses.replace(pinhole, aperture=0.8)
@@ -214,7 +216,8 @@ def test_a_plane_under_a_light_by_lamberts_law(falloff, at):
     )
 
 
-def test_a_scene_without_falloff_has_none_of_its_code():
+def test_a_scene_without_falloff_has_none_of_its_code(monkeypatch):
+    monkeypatch.setattr(sh.Program, "compile", lambda *_, **__: None)  # nothing is compiled
     bright = PointLight((3, 5, 4), falloff="square")
     plain, fading = (
         str(Renderer(Scene([box()], (light,)), backend="numpy").program.ir)

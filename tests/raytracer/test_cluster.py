@@ -53,7 +53,7 @@ def assert_same(found, wanted):
 @pytest.mark.parametrize(
     ("name", "integrator"),
     [
-        ("boxes", Whitted(samples=4, accel="grid", precision="f64")),
+        pytest.param("boxes", Whitted(samples=4, accel="grid", precision="f64"), marks=pytest.mark.slow),
         pytest.param("boxes", Staged(samples=4), marks=pytest.mark.slow),
         ("cornell", Path(samples=5, seed=5)),
     ],

@@ -120,6 +120,7 @@ def test_every_width_agrees(lanes):
     same(renderer.render((48, 32)), render(scene, (48, 32), backend="numpy", bounces=2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "backend", ["numpy", *(pytest.param(name, marks=pytest.mark.slow) for name in ("opencl", "glsl"))]
 )

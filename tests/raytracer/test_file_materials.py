@@ -277,6 +277,7 @@ def test_statements_of_mtl(tmp_path, text, expected):
 BEYOND = "light beyond what surfaces receive (1)"
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(8)
 @pytest.mark.parametrize(
     ("text", "diffuse", "specular"),

@@ -41,6 +41,7 @@ def test_the_highlight_of_a_file_has_the_height_of_its_formulas(tmp_path, look, 
     np.testing.assert_allclose(seen, np.broadcast_to(f0, 3) / (4 * look["roughnessFactor"] ** 4), rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("color", "metallic", "roughness", "albedo"), [(1, 0, 0.3, 1), (1, 1, 0.5, 0.882), (0, 0, 0.2, 0.0812)]

@@ -104,6 +104,7 @@ def test_the_critical_angle():
     assert abs(edge(image.pixels[..., 1] > 0)) < 1e-5
 
 
+@pytest.mark.slow
 def test_the_white_furnace():
     """A surface that scatters all light has the colour of the light around it, in every pixel."""
     white = Material((1, 1, 1), diffuse=1, specular=0)

@@ -105,6 +105,7 @@ def test_a_study_ends_in_time(few):
     assert "3 measurements were left out" in found.markdown()
 
 
+@pytest.mark.slow
 def test_the_command(few, tmp_path, capsys):
     path, mesh = tmp_path / "layered.svg", tmp_path / "two.obj"
     mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")

@@ -180,6 +180,7 @@ def test_a_ray_keeps_the_roughness_of_the_mirrors_that_it_has_met():
     assert shown[0] < 1e-3 < shown[1] < 20
 
 
+@pytest.mark.slow
 def test_lights_and_meshes_change_under_an_environment():
     scene = scene_of(METALS, EnvironmentLight(gradient))
     renderer = Renderer(scene, backend="numpy")

@@ -179,6 +179,7 @@ def test_whitted_shows_the_matt_lobe_as_phongs_model_does():
     np.testing.assert_allclose(images[0].pixels, images[1].pixels, atol=3e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("beside", [(), (ball(Material(transmission=1.0), 20.0),)], ids=["alone", "beside glass"])
 @pytest.mark.parametrize("roughness", [0.0, 0.3, 1.0])
@@ -272,6 +273,7 @@ def test_a_program_of_colours_serves_both_models():
         assert np.ptp(image.pixels[image.object_id == 0], axis=1).max() > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "meshes", [LAYERED, [*LAYERED[:2], ball(Material(reflectivity=GOLD), 1.2)], [ball(Material(reflectivity=GOLD), 0)]]
@@ -358,6 +360,7 @@ def test_the_page_has_a_control_for_each_number():
     assert edits.set({f"material.{material['label']}.metallic": [2.0]}) != []
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", [Whitted(bounces=2), Path(samples=2, bounces=3)], ids=["Whitted", "Path"])
 def test_layered_objects_move_and_change_shape(integrator):

@@ -209,6 +209,7 @@ def test_compensation_restores_a_white_metal_and_gains_nothing(roughness):
     assert render(scene, (8, 8), backend="numpy").pixels.max() <= 1 + 1e-4
 
 
+@pytest.mark.slow
 def test_black_plastic_has_the_albedo_of_its_upper_layer():
     x = (np.arange(256) + 0.5) / 256
     a, b = integrals(x, 0.2**2)

@@ -262,6 +262,7 @@ def test_a_cube_that_is_handed_over_gives_its_options_to_those_of_objects():
     assert (shoot.occluded(origins, directions) == exact).mean() > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("accel", "backend"),

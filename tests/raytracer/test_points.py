@@ -123,6 +123,7 @@ def test_rays_are_aimed_at_what_is_brighter_than_the_mean():
         assert weights.min() == weights.max() > 0
 
 
+@pytest.mark.slow
 def test_a_wall_has_the_light_of_the_half_of_a_turned_environment_that_it_faces():
     """In a transparent picture, by parts of it, and by samples that are continued; each texel is an eighth."""
     sky = np.array([[1, 30, 2, 5], [3, 0, 7, 1.0]])

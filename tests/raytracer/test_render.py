@@ -53,7 +53,7 @@ def pictures(scene):
     return made, [render(made, (48, 32), backend=backend, bounces=2) for backend in ("numpy", *devices)]
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("bounces", [0, 1, 3])
 def test_the_picture_is_the_oracles(backend, bounces):

@@ -101,6 +101,7 @@ def test_rough_glass_gains_nothing():
     check_gains_nothing(furnace(dataclasses.replace(GLASS, roughness=0.1, anisotropy=0.7, ior=2.0), backend="opencl"))
 
 
+@pytest.mark.slow
 def test_smooth_glass_loses_nothing():
     colors = furnace(GLASS, backend="opencl")
     assert abs(colors.mean() - 1) < 4 * error_of(colors)[0] + 2e-3

@@ -51,6 +51,7 @@ def rough(hit):
     return Surface(sheen_roughness=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "alone", [{"sheen_roughness": Texture([[[0.5] * 3]])}, {"surface": rough}], ids=["picture", "program"]

@@ -91,6 +91,7 @@ def test_every_backend_has_the_same_bits(integrator):
     assert image.stats.features["lights"] == 3
 
 
+@pytest.mark.slow
 def test_spots_in_the_staged_tracer_and_after_changes():
     scene = several()
     whole = render(scene, (24, 16), accel="grid", backend="numpy")

@@ -125,6 +125,7 @@ def test_every_variant_of_a_scene_is_measured():
     assert [c.seconds for c in t.candidates] == sorted(c.seconds for c in t.candidates)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unflipped")
 def test_without_mirrors_no_bounce_is_measured(monkeypatch):
     keep(monkeypatch, is_plain)

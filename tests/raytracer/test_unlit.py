@@ -127,6 +127,7 @@ def test_other_tracers_cubes_and_a_rasteriser_show_it():
     np.testing.assert_allclose(seen.pixels[whole.object_id == 0], whole.pixels[whole.object_id == 0], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_numbers_change_and_it_moves():
     scene = around("Phong")
     renderer = Renderer(scene, backend="numpy")

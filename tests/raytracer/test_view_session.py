@@ -424,6 +424,7 @@ def test_a_request_gives_the_options_back():
     assert math.isclose(found.background[0], 1)
 
 
+@pytest.mark.slow
 def test_the_page_may_switch_from_a_staged_tracer_to_path_tracing():
     session = opened("boxes", "--backend", "numpy", "--tracer", "staged", "--accel", "brute")
     session.set({"size": [8, 6]})
