@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -23,7 +23,6 @@ import shpy as sh
 from raytracer.arrays import one_float
 from raytracer.errors import SceneError
 from raytracer.tone_mapping import Tonemap, checked_curve, mapped
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 

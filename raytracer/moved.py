@@ -11,6 +11,7 @@ only the parts of tables that it has.
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,6 @@ from raytracer.rays import Frame
 from raytracer.scene.camera import Camera
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
-from shpy_start.dataclass import dataclass
 
 CAMERA = Camera((0, 0, 1), (0, 0, 0))
 """A camera that nobody looks through, so that none is framed."""

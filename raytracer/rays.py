@@ -9,6 +9,7 @@ invalid rays (`kernels.queries.QueryRay`). Numbers out of the range of f32 are c
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,6 @@ from raytracer.accel.bounds import FAR
 from raytracer.arrays import numbers
 from raytracer.errors import SceneError, users_line
 from raytracer.meshes.mesh import affine
-from shpy_start.dataclass import dataclass
 
 Floats = NDArray[np.floating[Any]]
 _RIGID = 1e-4

@@ -15,13 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.programs import Program, program as record_program
-from shpy_start.dataclass import dataclass
 
 
 @dataclass

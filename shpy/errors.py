@@ -8,11 +8,9 @@ import sys
 import sysconfig
 import traceback
 import warnings
-from dataclasses import field
+from dataclasses import dataclass, field
 from types import FrameType
 from typing import Any
-
-from shpy_start.dataclass import dataclass
 
 _LONG_WORD = re.compile(r"[^\s^]{241,}")  # not the marks under a line
 _WORD, _LINE = 80, 1000

@@ -13,6 +13,7 @@ all backends give the same bits.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from typing import Any, Literal
@@ -35,7 +36,6 @@ from shpy.passes.modes import Precision
 from shpy.programs import Program, check_program
 from shpy.run.host import bind, table_of
 from shpy.streams.stream import Stream, streams_in
-from shpy_start.dataclass import dataclass
 
 
 def value_and_gradient(

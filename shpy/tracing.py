@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,6 @@ from shpy.lang.values.coerce import sequence
 from shpy.run.host import bind, common_shape, streams, tables, uniforms
 from shpy.streams.elements import Shape
 from shpy.streams.stream import Stream
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,11 @@ ulp(4)
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
-
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 

@@ -16,16 +16,17 @@ import importlib
 import os
 import signal
 import sys
+from dataclasses import dataclass
 from types import FrameType
 
 COMMANDS = ("shpy", "raytracer")
 
 
+@dataclass(frozen=True)
 class _Leave:
     """A handler of SIGINT that ends the process. `name` is the command's."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    name: str
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """End the process: an exception would pass through half of an import, where some packages catch it."""

@@ -14,13 +14,13 @@ borders of bins along each axis (Wald 2007). All nodes of a level are split at o
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.planes import largest_of
-from shpy_start.dataclass import dataclass
 
 Floats = NDArray[np.float32]
 Bounds = NDArray[np.floating]

@@ -13,6 +13,7 @@ All backends give the same numbers.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,6 @@ from raytracer.accel.bvh import Bounds, half_area
 from raytracer.accel.planes import constant
 from raytracer.accel.programs import LateProgram
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
-from shpy_start.dataclass import dataclass
 
 Ints = NDArray[np.int64]
 

@@ -14,6 +14,7 @@ nodes above the last clusters are split from the top down by the surface area he
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
@@ -23,7 +24,6 @@ from numpy.typing import DTypeLike, NDArray
 from raytracer.accel.bvh import COUNT_BITS, END, MAX_LEAF, Bounds, Bvh, Floats, Ints, cut_apart, grown, target_for
 from raytracer.accel.pairs import TURNED, Sides, joined, partners
 from raytracer.accel.planes import by_components, copy_columns, parts
-from shpy_start.dataclass import dataclass
 
 PROGRESS = 8
 """A round in which fewer than one cluster in this many would merge merges all neighbours, which bounds the rounds."""

@@ -14,7 +14,7 @@ move get another upper level, and the parts stay as they are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -24,7 +24,6 @@ from numpy.typing import ArrayLike, NDArray
 from raytracer.accel.bvh import COUNT_BITS, END, Bvh, grown
 from raytracer.accel.forest import put_part
 from raytracer.accel.ploc import build_bvh
-from shpy_start.dataclass import dataclass
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,6 +13,7 @@ or fewer is a leaf. A wide node replaces up to seven binary nodes, which `famili
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,6 @@ from raytracer.accel.bvh import COUNT_BITS, MAX_LEAF, Bvh, target_for
 from raytracer.accel.families import HALF, WIDTH, Binary, families
 from raytracer.accel.planes import constant, copy_columns, parts
 from raytracer.accel.two_levels import TwoLevels
-from shpy_start.dataclass import dataclass
 
 Ints = NDArray[np.int64]
 Words = NDArray[np.uint32]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +18,6 @@ import numpy as np
 from raytracer.appearance.textures import Texture
 from raytracer.arrays import one_float, three_floats
 from raytracer.errors import SceneError
-from shpy_start.dataclass import dataclass
 
 Triple = tuple[float, float, float]
 

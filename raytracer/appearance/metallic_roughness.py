@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final
 
 from raytracer.appearance.materials import Material, Triple, hashable, mean_color
@@ -17,7 +18,6 @@ from raytracer.appearance.textures import Texture
 from raytracer.appearance.unlit import Unlit
 from raytracer.arrays import one_float, three_floats
 from raytracer.errors import SceneError
-from shpy_start.dataclass import dataclass
 
 _SHARES: Final = (
     *("metallic", "roughness", "specular", "clearcoat", "clearcoat_roughness", "sheen_roughness"),

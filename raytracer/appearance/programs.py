@@ -9,13 +9,13 @@ found before a scene is compiled, and the tracer learns what it has to hold read
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from inspect import signature, unwrap
 from typing import Any, NamedTuple, get_type_hints
 
 import shpy as sh
 from raytracer.errors import SceneError, place_of, users_line
-from shpy_start.dataclass import dataclass
 
 Sources = Mapping[str, Callable[[], Any]]
 """Functions that record a value, by the value's name."""

@@ -9,12 +9,12 @@ Stage: scene description. `kernels.surfaces` shows its colour in place of light.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from raytracer.appearance.materials import Triple
 from raytracer.appearance.textures import Texture
 from raytracer.arrays import one_float, three_floats
 from raytracer.errors import SceneError
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ Stage: cluster. A task gets a `Job` and its key; the first task of a process com
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,6 @@ from raytracer.errors import ClusterError
 from raytracer.integrators.integrator import Integrator
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.scene import Scene
-from shpy_start.dataclass import dataclass
 
 _PROBES = 4096
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,6 @@ from raytracer.kernels.triangle import REACH
 from raytracer.scene.camera import Camera
 from raytracer.scene.layout import Layout
 from raytracer.scene.lights import EnvironmentLight
-from shpy_start.dataclass import dataclass
 
 SLACK = 2 * REACH
 """The part of a distance by which a part's box is taken to begin earlier and to end later."""

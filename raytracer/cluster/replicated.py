@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections import Counter
+from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
@@ -24,7 +25,6 @@ from raytracer.integrators.layers import Progress, canvas, whole_size
 from raytracer.integrators.progressive import Layers, check_resume, resumed
 from raytracer.integrators.renderer import Resume
 from raytracer.scene.scene import Scene
-from shpy_start.dataclass import dataclass
 
 TILE = 1 << 16
 """Pixels of a tile, at most."""

@@ -12,7 +12,7 @@ clamp=None)
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from math import inf, isqrt
 from typing import Any, ClassVar, Final, TypedDict
 
@@ -27,7 +27,6 @@ from raytracer.kernels.stages import AT_ONCE
 from raytracer.layered.cube import LayeredCube, is_layered
 from raytracer.scene.instanced import shares_many
 from raytracer.scene.scene import Scene
-from shpy_start.dataclass import dataclass
 
 THRESHOLD: Final = 0.2
 """The share of waiting rays in Christen's thesis."""

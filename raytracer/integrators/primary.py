@@ -8,6 +8,7 @@ Stage: render. Takes a `GBuffer` in the scene's units, gives the inputs of `kern
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,6 @@ from raytracer.errors import SceneError
 from raytracer.integrators.integrator import Integrator, Whitted
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
-from shpy_start.dataclass import dataclass
 
 SIZE = 512, 512
 """The size of a picture for which none is named."""

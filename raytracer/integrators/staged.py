@@ -16,7 +16,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,6 @@ from raytracer.kernels import stages
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.pixel import Pixel
 from raytracer.kernels.tracer import Light, Ray, Tracer
-from shpy_start.dataclass import dataclass
 
 SPARSE = 1 / 4
 """Share of the rays of a band that are on their way, below which they are copied to streams of their own."""

@@ -12,6 +12,7 @@ it reads of the scene are tables and params, so that a scene which changes needs
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -29,7 +30,6 @@ from raytracer.kernels.walk import HitValue, InstanceValue
 from raytracer.meshes import Mesh
 from raytracer.scene.layout import normal_rows, uv_rows
 from shpy import SH_IF
-from shpy_start.dataclass import dataclass
 
 Pose = tuple[Rows, Rows, Rows] | None
 """The pose of a scene: (turn, back, offset) takes its own point x to `turn @ x + offset`, and `back` inverts `turn`.

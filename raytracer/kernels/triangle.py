@@ -24,6 +24,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from copy import copy
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
@@ -33,7 +34,6 @@ import shpy as sh
 from raytracer.accel.bounds import far, higher, highest, lower, lowest, rounded
 from raytracer.accel.planes import constant, levels_of, normals_of, parts
 from shpy import SH_IF
-from shpy_start.dataclass import dataclass
 
 REACH = 2.0**-10
 """The margin beyond the nearest hit within which a box is still visited, as a part of the distance."""

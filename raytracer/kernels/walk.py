@@ -24,6 +24,7 @@ query are judged by `rays.alike`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, cast
 
@@ -48,7 +49,6 @@ from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
 from raytracer.scene.layout import Change, Layout
 from shpy import SH_ELSE, SH_IF
-from shpy_start.dataclass import dataclass
 
 Structure = Grid | Bvh | TwoLevels | LayeredCube | PlacedCubes
 

@@ -8,7 +8,7 @@ depth and, at equal depths, of the triangle's number. Memory grows with the samp
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ from raytracer.layered import raster
 from raytracer.layered.halves import Codes, decoded, depth_codes
 from raytracer.layered.peeling import Spans, peeled
 from raytracer.memory import free_bytes
-from shpy_start.dataclass import dataclass
 
 _table: Any = sh.Table  # untyped: a stream brings its own type
 _BYTES = 100

@@ -12,7 +12,7 @@ its samples in one list, so memory grows with the samples and not with the numbe
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -27,7 +27,6 @@ from raytracer.layered import raster
 from raytracer.layered.building import BUILDERS, Samples, build_samples
 from raytracer.layered.halves import ERROR, STEEPEST, Codes, HalfTables, slope_codes
 from raytracer.meshes import Mesh
-from shpy_start.dataclass import dataclass
 
 HITS = ("sample", "plane", "triangle")
 SHADINGS = ("exact", "deferred")

@@ -16,13 +16,13 @@ operations on integers, which every device does exactly (`kernels.layered_sample
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.layered import raster
-from shpy_start.dataclass import dataclass
 
 SMALLEST = 2.0**-14
 """The least number that is stored: binary16's least normal one. Devices may round smaller ones to 0."""

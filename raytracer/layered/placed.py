@@ -11,6 +11,7 @@ index.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +22,6 @@ from raytracer.accel.space import to_kernel
 from raytracer.layered.cube import LayeredCube
 from raytracer.layered.halves import Codes
 from raytracer.meshes import Mesh
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -25,7 +25,6 @@ from raytracer.arrays import real
 from raytracer.meshes.folder import Notices, shown
 from raytracer.meshes.lines import name_of, plain, without_comment
 from raytracer.meshes.pictures import Picture
-from shpy_start.dataclass import dataclass
 
 CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
 """The material of a mesh whose file has neither material nor colours: friendlier than white."""

@@ -13,6 +13,7 @@ import copy
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 from os import PathLike
 from typing import Any, Final
@@ -27,7 +28,6 @@ from raytracer.arrays import array_of, finite_number, finite_triple, numbers
 from raytracer.errors import SceneError, warn
 from raytracer.memory import INSTANCE, TRIANGLE, check_triangles
 from raytracer.meshes.smoothing import normals_at_corners
-from shpy_start.dataclass import dataclass
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -10,6 +10,7 @@ and counted. `obj` makes meshes of the arrays.
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -44,7 +45,6 @@ from raytracer.meshes.polygons import (
     Mask,
     faces_of,
 )
-from shpy_start.dataclass import dataclass
 
 Indices = NDArray[np.int32]
 MISSING, BAD = -1, -2

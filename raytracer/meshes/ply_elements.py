@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -20,7 +21,6 @@ from numpy.typing import NDArray
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import shown
 from raytracer.meshes.lines import Ints, line_begins, name_of, numbers_in, plain, word_begins
-from shpy_start.dataclass import dataclass
 
 _TYPES: Final = {
     "char": "i1", "uchar": "u1", "int8": "i1", "uint8": "u1", "short": "i2", "ushort": "u2", "int16": "i2",

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
-from shpy_start.dataclass import dataclass
 
 if TYPE_CHECKING:
     from raytracer.scene.layout import Layout

@@ -9,6 +9,7 @@ Stage: scene description. `view` gives the few vectors from which the kernel mak
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -18,7 +19,6 @@ from raytracer.accel.space import placed
 from raytracer.appearance.materials import Triple
 from raytracer.arrays import finite_triple, numbers, one_float
 from raytracer.errors import SceneError
-from shpy_start.dataclass import dataclass
 
 Vector = NDArray[np.float64]
 _DOUBLE: np.dtype[Any] = np.dtype(np.float64)

@@ -15,7 +15,7 @@ several places, and where. `Layout` makes tables of them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,6 @@ from raytracer.appearance.programs import examine_surface
 from raytracer.errors import SceneError
 from raytracer.meshes.mesh import MANY, Mesh, PlacedMesh
 from raytracer.scene.scene import Scene
-from shpy_start.dataclass import dataclass
 
 BEGINNING = 4000
 """Triangles in whose time a hierarchy is begun: each one takes 3 to 5 ms, and 1 microsecond for a triangle."""

@@ -11,7 +11,7 @@ that no mesh uses are left out, and `kernels.tracer` records no code for them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +35,6 @@ from raytracer.meshes.mesh import check_expansion, unplaced
 from raytracer.scene.instanced import Instanced, Parts, settles
 from raytracer.scene.light_tables import cone_rows, kinds_of, light_rows
 from raytracer.scene.scene import Scene
-from shpy_start.dataclass import dataclass
 
 
 class Change(NamedTuple):

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from os import PathLike
 from typing import Any, Literal, get_args
 
@@ -21,7 +22,6 @@ from raytracer.appearance.materials import Triple
 from raytracer.appearance.textures import Texture
 from raytracer.arrays import array_of, finite_triple, one_float
 from raytracer.errors import SceneError
-from shpy_start.dataclass import dataclass
 
 Falloff = Literal["none", "square"]
 

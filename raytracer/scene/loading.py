@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -46,7 +46,6 @@ from raytracer.scene.framing import bounds_of
 from raytracer.scene.gltf_cameras import NamedCamera
 from raytracer.scene.gltf_scene import GltfScene
 from raytracer.scene.lights import Light
-from shpy_start.dataclass import dataclass
 
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
 _FLAT = (".glb", ".gltf")

@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,6 @@ from raytracer.scene.framing import bounds_of, fitted, ground, lights_for, uprig
 from raytracer.scene.gltf_cameras import chosen_camera
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight
 from raytracer.scene.loading import Contents, load_contents
-from shpy_start.dataclass import dataclass
 
 Background = Triple | Texture | Callable[..., Any]
 """The light that rays see where they meet nothing: a colour, a picture of all directions, or a program of them."""

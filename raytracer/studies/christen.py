@@ -12,6 +12,7 @@ and what early-z culling does: calls, passes and time where each call goes over 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
@@ -22,7 +23,6 @@ from raytracer.kernels import stages
 from raytracer.scene.scene import Scene
 from raytracer.studies import report
 from raytracer.studies.report import Clock, counted_on, curves, devices_of, measure
-from shpy_start.dataclass import dataclass
 
 SCENES = {"A": "boxes", "B": "cubes", "C": "mixed"}
 """Our scenes that are nearest to those of the thesis, and have as many triangles: 36, 2,064 and 61,562."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -24,7 +25,6 @@ from raytracer.meshes import Mesh
 from raytracer.studies import report
 from raytracer.studies.layered_measuring import KINDS, SMALLER, Bench, Case, Measurement, Model, models, unit
 from raytracer.studies.report import Clock, counted_on, curves, devices_of, measure
-from shpy_start.dataclass import dataclass
 
 _TESTS = ("plane", "triangle", "sample")
 """The hit tests, those first without which the others mean little."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -32,7 +32,6 @@ from raytracer.scene.lights import PointLight
 from raytracer.scene.scene import Scene
 from raytracer.studies.report import Clock
 from raytracer.studies.tradeoff import errors
-from shpy_start.dataclass import dataclass
 
 Work = Callable[[int], Any]
 Vectors = NDArray[np.float64]

@@ -16,6 +16,7 @@ import os
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -24,7 +25,6 @@ import numpy as np
 import shpy as sh
 from raytracer.errors import SceneError
 from raytracer.integrators.layers import Progress
-from shpy_start.dataclass import dataclass
 
 Clock = Callable[[], float]
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,6 @@ from raytracer.integrators.layers import Progress
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
-from shpy_start.dataclass import dataclass
 
 Pixels = NDArray[np.float64]
 """(H, W, 3), as sRGB in [0, 1]."""

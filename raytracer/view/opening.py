@@ -12,6 +12,7 @@ import argparse
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import shpy as sh
@@ -24,7 +25,6 @@ from raytracer.meshes.gltf_animation import names_of
 from raytracer.scene.animated_file import ANIMATED, AnimatedFile
 from raytracer.scene.loading import bytes_of, reading
 from raytracer.scene.scene import Scene
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True)

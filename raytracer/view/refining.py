@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
@@ -27,7 +27,6 @@ from raytracer.integrators.layers import unset
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
-from shpy_start.dataclass import dataclass
 
 _ANSWER: Final = 0.06
 """Seconds that the first picture after a change is to take."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import shlex
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from raytracer.integrators.integrator import Integrator, Path as PathTracing, St
 from raytracer.scene.camera import Camera
 from raytracer.scene.loading import FORMATS
 from raytracer.scenes import SCENES
-from shpy_start.dataclass import dataclass
 
 _PLACES = ("camera", "target", "up", "fov")
 

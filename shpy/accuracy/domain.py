@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,6 @@ from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, leaves
 from shpy.programs import Program, check_count, check_program
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 Domain = Mapping[str, Any]

@@ -10,6 +10,7 @@ Stage: measure. Takes a program and a domain, gives a `Report`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,6 @@ from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.runs import Run, run
 from shpy.units import relative, ulps
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 

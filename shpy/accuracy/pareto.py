@@ -18,14 +18,13 @@ from __future__ import annotations
 import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
 from shpy.accuracy.report import columns
-from shpy_start.dataclass import dataclass
 
 PICK, FRONT, LIKE = "→", "*", "≈"
 """The marks of a table."""

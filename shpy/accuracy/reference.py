@@ -14,7 +14,7 @@ they are, and how each element ends. It runs the recorded module without the pas
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -32,7 +32,6 @@ from shpy.ir.types import FLOATS, Type
 from shpy.lang.recording.location import here
 from shpy.testing.observers import Setting
 from shpy.testing.runs import run
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 Kind = Literal["mpmath", "f64"]

@@ -6,7 +6,7 @@ Stage: measure. Holds the rows of `measure`, one for each output of each variant
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from shpy.errors import ShpyError
 from shpy.lang.recording.location import here
 from shpy.passes.modes import mode_name
 from shpy.pictures.outputs import new_figure, save_figure
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 

@@ -12,7 +12,7 @@ al. 2018; CHEF-FP, Vassiliev and Vassilev 2022).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -33,7 +33,6 @@ from shpy.lang.values import arithmetic
 from shpy.lang.values.structure import Layout, flatten, leaves
 from shpy.passes.pipeline import optimise
 from shpy.programs import Program, check_count
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 

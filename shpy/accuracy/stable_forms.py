@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from math import isfinite
 from operator import mul
@@ -27,7 +27,6 @@ from shpy.ir.nodes import Function, Let, Loc, Module, Stmt, Value
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import defined, rewrite, variables_of, walk
 from shpy.passes.formulas.terms import DefinitionBuilder, Term
-from shpy_start.dataclass import dataclass
 
 Signed = tuple[int, int]
 """A term of a sum: 1 or -1, and the id of a value."""

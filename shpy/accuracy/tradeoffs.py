@@ -10,7 +10,7 @@ Stage: measure. Takes a program (or a choice), a domain and a budget, gives a `T
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,6 @@ from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.runs import run
 from shpy.units import Budget
-from shpy_start.dataclass import dataclass
 
 _ENOUGH = 0.003
 """Seconds: shorter calls are timed several at once."""

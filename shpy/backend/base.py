@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -18,7 +19,6 @@ from shpy.ir.nodes import Loc, Module, Status
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type
 from shpy.passes.modes import Math, Precision
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 

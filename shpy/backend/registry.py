@@ -11,11 +11,11 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from dataclasses import dataclass
 from typing import Any
 
 from shpy.backend.base import Backend, Device
 from shpy.errors import BackendUnavailable, raise_interrupt
-from shpy_start.dataclass import dataclass
 
 _MODULES = {
     "numpy": "shpy.backend.numpy.device.run",

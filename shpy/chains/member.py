@@ -8,7 +8,7 @@ be it an element or a Table.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -26,7 +26,6 @@ from shpy.lang.values.structure import Group, Layout, Leaf, Rows, layout_of
 from shpy.programs import Program
 from shpy.run.kernel import Kernel
 from shpy.streams.stream import Place
-from shpy_start.dataclass import dataclass
 
 RUN_ARGUMENTS = ("shape", "backend", "device", "precision")
 """Arguments of `Chain.run` besides the streams: no stream has these names."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain as joined
 from typing import Any, Protocol
@@ -35,7 +35,6 @@ from shpy.run.kernel import Kernel
 from shpy.run.on_device import check_places
 from shpy.streams.elements import Shape, given_shape
 from shpy.streams.stream import Place, Stream, _place, streams_in
-from shpy_start.dataclass import dataclass
 
 _AHEAD = 256
 """The most runs that are collected before they are started together."""

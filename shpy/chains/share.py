@@ -9,6 +9,7 @@ every backend decides alike.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, Leaf
 from shpy.programs import Program
 from shpy.streams.stream import Place, Stream
-from shpy_start.dataclass import dataclass
 
 Condition = str | Program
 """The name of a stream of bools, or a program of the element that gives one Attrib1b."""

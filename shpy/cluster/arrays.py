@@ -6,6 +6,7 @@ Stage: cluster.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ from shpy.lang.values.value import with_article
 from shpy.run import host
 from shpy.streams.elements import InputLeaf, Shape, shape_before_data
 from shpy.streams.stream import streams_in
-from shpy_start.dataclass import dataclass
 
 
 def dask_array() -> Any:

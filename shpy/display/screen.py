@@ -21,6 +21,7 @@ Other types of the same size are filled with the same numbers, and an Attrib2f `
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, Protocol
 
@@ -33,7 +34,6 @@ from shpy.ir.nodes import Module
 from shpy.lang.recording.location import here
 from shpy.lang.values.value import Value
 from shpy.passes.modes import Math
-from shpy_start.dataclass import dataclass
 
 SIZES: Final[dict[str, tuple[int, ...]]] = {
     "uv": (2,),

@@ -5,10 +5,9 @@ Stage: above the passes. `count` finds the nodes that the text needs and how oft
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from shpy.ir.types import Base
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(eq=False, slots=True)

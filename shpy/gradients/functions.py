@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -34,7 +34,6 @@ from shpy.passes.derivatives.forward import ForwardFunctions, Seed
 from shpy.passes.derivatives.linear import TangentBuilder
 from shpy.passes.derivatives.table_reads import Reads
 from shpy.run.kernel import Kernel
-from shpy_start.dataclass import dataclass
 
 _OF_PLACES = {"Point": "Normal", "Vector": "Normal", "Normal": "Vector"}
 """The kind of the gradient by a place or a direction: a matrix maps it as it maps normals."""

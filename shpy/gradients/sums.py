@@ -11,6 +11,7 @@ Reads in loops are numbered, and a run gives the next ones from an input, `first
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Literal
 
@@ -29,7 +30,6 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, Leaf, flatten, layout_from
 from shpy.lang.values.value import CLASSES
 from shpy.passes.derivatives.table_reads import AT_ONCE, Reads, reads_in_loops
-from shpy_start.dataclass import dataclass
 
 WHAT = "sh.value_and_gradient"
 

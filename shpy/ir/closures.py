@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -41,7 +41,6 @@ from shpy.ir.nodes import (
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import defined, test_length, variables_of
 from shpy.ir.types import Base, Type
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 Trace = Callable[[Loc | None, str, Any, tuple[int, ...]], None]

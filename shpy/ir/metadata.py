@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from shpy.ir.types import Type
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

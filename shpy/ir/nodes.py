@@ -16,12 +16,11 @@ count for equality, nor does the metadata of params; names of ports, params, tab
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from shpy.errors import Loc as Loc
 from shpy.ir.metadata import NOTHING, About
 from shpy.ir.types import Type
-from shpy_start.dataclass import dataclass
 
 MAX_REGION_DEPTH = 64
 MAX_LOOP_DEPTH = 12

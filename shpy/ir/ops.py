@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, Final
 
@@ -27,7 +28,6 @@ import numpy as np
 from shpy.ir import exact, meaning as m
 from shpy.ir.tangents import TANGENTS, Rule
 from shpy.ir.types import FLOATS, INTS, Base, Type, vec
-from shpy_start.dataclass import dataclass
 
 _BASES: Final[Mapping[str, frozenset[Base]]] = {
     "f": FLOATS,

@@ -12,14 +12,13 @@ f3
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Final
 
 from shpy.ir.constants import bits_to_float, float_to_bits
 from shpy.ir.nodes import Function, Let, Param, Table, Variable
 from shpy.ir.text import quote
 from shpy.ir.types import SIZES, Base, Type, vec
-from shpy_start.dataclass import dataclass
 
 Types = tuple[Type, ...]
 

@@ -19,14 +19,13 @@ new outputs follow the function's own.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, Module, Stmt, Value, Variable
 from shpy.ir.traverse import rewrite
 from shpy.passes.liveness import annotate, stored_in
 from shpy.passes.returns import returns_outside_loops
-from shpy_start.dataclass import dataclass
 
 
 def takes_array(function: Function) -> bool:

@@ -11,7 +11,7 @@ A result is uniform if the copy's output is uniform, even where arguments vary.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from shpy.ir.names import fresh
 from shpy.ir.nodes import Call, Function, Let, Module, Stmt, Store, Value
@@ -21,7 +21,6 @@ from shpy.passes.dead import without_dead
 from shpy.passes.dead_stores import without_dead_stores
 from shpy.passes.lanes import BOOL, Here, LaneBuilder
 from shpy.passes.returns import returns_outside_loops
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

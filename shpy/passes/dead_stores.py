@@ -16,7 +16,7 @@ A set of components is an int with four bits for each variable.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from shpy.ir.nodes import (
     Break,
@@ -37,7 +37,6 @@ from shpy.ir.nodes import (
 from shpy.ir.traverse import variables_of
 from shpy.passes.dead import remove_dead
 from shpy.passes.rewriter import Functions, each_function
-from shpy_start.dataclass import dataclass
 
 
 def remove_dead_stores(module: Module) -> Module:

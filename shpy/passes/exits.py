@@ -21,7 +21,7 @@ not set after the loop, the status becomes DEVICE_STOPPED.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import (
@@ -45,7 +45,6 @@ from shpy.ir.nodes import (
 from shpy.ir.traverse import callee_of, limited_loops, loops, test_length, variables_of, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.continuing import without_continuing
-from shpy_start.dataclass import dataclass
 
 DEVICE_TURNS = 65_535
 """The total of iterations after which Mesa's llvmpipe silently stops the loops of an invocation."""

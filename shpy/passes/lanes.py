@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 from shpy.ir.builder import Builder
 from shpy.ir.constants import Base, vec
@@ -25,7 +25,6 @@ from shpy.ir.types import Type
 from shpy.passes.liveness import Note
 from shpy.passes.slots import Slots
 from shpy.passes.uniformity import LoopFacts, varies
-from shpy_start.dataclass import dataclass
 
 BOOL = vec(Base.B)
 _BOUNDS = {Base.I: (-(2**31), 2**31 - 1), Base.U: (0, 2**32 - 1)}

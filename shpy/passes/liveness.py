@@ -16,7 +16,7 @@ other lanes do, so that `vectorize` can use them for lanes that have left.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import reduce
 from operator import or_
 
@@ -25,7 +25,6 @@ import numpy as np
 from shpy.ir.nodes import Break, Continue, Discard, Function, If, Let, Loop, Region, Return, Stmt, Store
 from shpy.ir.traverse import regions_of, walk
 from shpy.passes.uniformity import LoopFacts
-from shpy_start.dataclass import dataclass
 
 Set = frozenset[int]
 Bits = int

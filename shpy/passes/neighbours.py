@@ -23,7 +23,7 @@ stay are not adjacent. Sums of offsets wrap around as the original additions do,
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from shpy.ir.constants import Base, decode, vec
 from shpy.ir.nodes import Let, Loop, Module, Store
@@ -32,7 +32,6 @@ from shpy.passes.calls import LaneFacts
 from shpy.passes.dead import without_dead
 from shpy.passes.rewriter import Rewriter
 from shpy.passes.vectorize import VectorModule
-from shpy_start.dataclass import dataclass
 
 _INT = vec(Base.I)
 _RANKS = (1, 2)

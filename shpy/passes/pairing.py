@@ -24,6 +24,7 @@ took 1.00. The pass can go where both stay below 1.05.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from shpy.ir.builder import Builder
@@ -32,7 +33,6 @@ from shpy.ir.traverse import Copy, continues, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.inline import without_returns
 from shpy.passes.rewriter import falls_through, map_exits
-from shpy_start.dataclass import dataclass
 
 OTHER: Final = "other_"
 """The prefix of names for the other lane."""

@@ -12,7 +12,7 @@ Stage: improve. Each pass is a function Module -> Module in its own file. This f
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from shpy.ir.exact import FUNCTIONS
@@ -34,7 +34,6 @@ from shpy.passes.nesting import shelter_loops
 from shpy.passes.precision import set_precision
 from shpy.passes.promote import promote
 from shpy.passes.rewriter import Functions, Rewriter, each_function
-from shpy_start.dataclass import dataclass
 
 _ROUNDS = 3
 """The most rounds of optimisation: folded constants remove branches, and that makes more values constant."""

@@ -9,12 +9,12 @@ and ends the process where they do not fit. So a backend asks for their size bef
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Module, Variable
 from shpy.ir.traverse import calls_of
 from shpy.ir.types import Base
-from shpy_start.dataclass import dataclass
 
 WORD = 4
 """Bytes of a component in private memory: bools are ints there."""

@@ -15,7 +15,7 @@ Functions are followed for each call. Variables hold the join of what is stored 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from shpy.errors import ShpyTypeError
@@ -23,7 +23,6 @@ from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, Let, Module, Region, Store, Variable
 from shpy.ir.traverse import changed_variables, regions_of, results
 from shpy.ir.types import Base, Type
-from shpy_start.dataclass import dataclass
 
 _ROUNDS: Final = 4
 """The most rounds over a function; variables that still change after these may be anything."""

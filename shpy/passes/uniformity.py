@@ -13,10 +13,9 @@ iterate together, so a loop counter is uniform even if lanes leave in different 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from shpy.ir.ops import LANE_OPS
-from shpy_start.dataclass import dataclass
 
 _UNIFORM = LANE_OPS | {"lane_any", "lane_min", "lane_max", "table_size", "grid_shape"}
 _VARYING = frozenset({"grid_index", "lane_mask", "neighbour"})

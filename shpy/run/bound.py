@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -26,7 +27,6 @@ from shpy.lang.values.structure import Leaf, build_arrays, layout_of, leaves
 from shpy.run.on_device import check_places, has_elements_of, prepare
 from shpy.streams.elements import Shape
 from shpy.streams.stream import Place, Stream, StreamSource
-from shpy_start.dataclass import dataclass
 
 KEPT: Final = 64
 """The most bound calls that a kernel keeps."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,6 @@ from shpy.lang.values.structure import Group, Layout, build_group, leaves
 from shpy.run import host
 from shpy.streams.elements import InputLeaf, Shape
 from shpy.streams.stream import Place, Stream, StreamLeaf, memory_of_table, streams_in
-from shpy_start.dataclass import dataclass
 
 
 def check_places(values: Iterable[Any], place: Place, name: str) -> None:

@@ -6,6 +6,7 @@ Stage: run.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +17,6 @@ from shpy.ir.nodes import Status
 from shpy.lang.values.types import Attrib1b, Attrib1i
 from shpy.streams.elements import Shape
 from shpy.streams.stream import Place, Stream
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(eq=False)

@@ -5,7 +5,7 @@ Stage: run. A value is kept until one of its sources changes.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,6 @@ from shpy.lang.values.structure import Leaf
 from shpy.lang.values.value import CLASSES
 from shpy.run.kernel import Kernel
 from shpy.streams.stream import memory_of_table
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(slots=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -36,7 +37,6 @@ from shpy.streams.elements import InputLeaf, Shape, given_shape
 from shpy.streams.fields import StreamFields, field_of, rows_of
 from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of
-from shpy_start.dataclass import dataclass
 
 
 class Place(NamedTuple):

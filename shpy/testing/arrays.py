@@ -5,6 +5,7 @@ Stage: test. Takes the inputs and outputs of kernels.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.units import steps
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -27,7 +28,6 @@ from shpy.streams.elements import Shape
 from shpy.streams.stream import Place, Stream
 from shpy.testing.arrays import Array, flat_leaves
 from shpy.testing.divergence import check_element
-from shpy_start.dataclass import dataclass
 
 KINDS: Final[Mapping[str, Callable[[Any], Array]]] = {"nan": np.isnan, "infinite": np.isinf}
 """The tests of NaN and of infinity: the first kind that outputs have is the one to search."""

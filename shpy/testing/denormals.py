@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,7 +33,6 @@ from shpy.passes.modes import Precision
 from shpy.programs import Program
 from shpy.testing.arrays import Array
 from shpy.testing.observers import Setting
-from shpy_start.dataclass import dataclass
 
 _LEAST = {"f16": 2.0**-14, "f32": 2.0**-126, "f64": 2.0**-1022}
 _PLACE, _VALUE = vec(Base.U), vec(Base.D)

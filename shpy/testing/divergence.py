@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,6 @@ from shpy.testing.observers import Observation, Observer, Setting, observer, sit
 from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
 from shpy.units import steps
-from shpy_start.dataclass import dataclass
 
 Sides = tuple[Observer, Observer]
 

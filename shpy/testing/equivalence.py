@@ -11,7 +11,7 @@ AssertionError with the element, its inputs, the results of each backend, and th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,7 +30,6 @@ from shpy.testing.observers import Setting
 from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
 from shpy.units import steps
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True)

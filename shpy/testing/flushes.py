@@ -10,6 +10,7 @@ Stage: test. Takes two runs of a program and the elements in which flushed denor
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from shpy.testing.arrays import Array
 from shpy.testing.denormals import Denormal, find_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.runs import Run
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True)

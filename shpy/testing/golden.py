@@ -14,6 +14,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,7 +37,6 @@ from shpy.testing.equivalence import Agreement, Comparison
 from shpy.testing.observers import Setting
 from shpy.testing.reference import split_options, targets
 from shpy.testing.runs import Run, run
-from shpy_start.dataclass import dataclass
 
 _NAME: Final = re.compile(r"[\w-][\w.-]*")
 _LARGEST: Final = 1 << 26

@@ -11,7 +11,7 @@ Stage: test. Takes a program and its inputs; runs it, then the program that watc
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,7 +29,6 @@ from shpy.testing.divergence import check_element
 from shpy.testing.observers import BackendObserver, Setting
 from shpy.testing.reference import split_options
 from shpy.testing.runs import run
-from shpy_start.dataclass import dataclass
 
 _LIBRARY: Final = Path(__file__).parents[1]
 """The folder of shpy: an operation of its own functions is an event of the user's line that calls them."""

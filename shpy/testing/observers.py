@@ -10,7 +10,7 @@ Stage: test. Takes a program, its inputs and one element; gives the observations
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -29,7 +29,6 @@ from shpy.run.host import bind, common_shape, streams, tables, uniforms
 from shpy.run.kernel import Kernel
 from shpy.testing.reference import INTERPRETER, flushes_denormals, interpreter_of, kernel
 from shpy.testing.watch import OPERANDS, Site, WatchedModule, watch
-from shpy_start.dataclass import dataclass
 
 _LAST = 2**32 - 2
 """A target that no event reaches."""

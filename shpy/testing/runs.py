@@ -6,6 +6,7 @@ Stage: test. Takes a `Setting` and a target's name; gives the outputs leaf by le
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from shpy.lang.values.structure import flatten
 from shpy.testing.arrays import EXACT, Array, Bound
 from shpy.testing.observers import Setting
 from shpy.testing.reference import flushes_denormals, kernel
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Collection, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, If, Let, Loc, Loop, Module, Port, Region, Stmt, Store, Value, Variable
@@ -26,7 +26,6 @@ from shpy.ir.text import components_text
 from shpy.ir.traverse import defined, walk
 from shpy.ir.types import WIDEST_PORT, Base, Type, vec
 from shpy.passes.exits import make_exits_explicit
-from shpy_start.dataclass import dataclass
 
 OPERANDS = 4
 """The limit of operands that an event keeps."""

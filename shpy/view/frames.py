@@ -8,11 +8,11 @@ Stage: view.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from shpy.display.screen import Moment
 from shpy.view.kernels import Form
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ first frame is done, so that the two do not compete for the interpreter's lock.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, Final
 
@@ -20,7 +20,6 @@ from shpy.errors import ShpyError
 from shpy.passes.modes import CONTRACTIONS, mode_name
 from shpy.programs import Program
 from shpy.run.background import Background
-from shpy_start.dataclass import dataclass
 
 QUICK: Final = "numpy"
 """The backend that draws while another one's driver compiles."""

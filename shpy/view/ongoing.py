@@ -11,7 +11,7 @@ streams are brought to where the kernel is that reads them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
 
@@ -28,7 +28,6 @@ from shpy.streams.stream import Stream
 from shpy.view.kernels import Form, Kernels
 from shpy.view.rounds import read_before
 from shpy.view.source import SHOW, START, OpenedFile
-from shpy_start.dataclass import dataclass
 
 Key = tuple[Form, tuple[int, int]]
 

@@ -18,7 +18,7 @@ import signal
 import socket
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,7 +26,6 @@ from shpy.errors import ShpyError
 from shpy.packages import install
 from shpy.view.hub import Hub
 from shpy.view.messages import LONGEST, Refused, checked
-from shpy_start.dataclass import dataclass
 
 if TYPE_CHECKING:
     import uvicorn

@@ -12,6 +12,7 @@ import os
 import runpy
 import traceback
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -22,7 +23,6 @@ from shpy.files import import_from
 from shpy.lang.recording.text import latest, text_of
 from shpy.programs import Program
 from shpy.view.reading import files_read, noted
-from shpy_start.dataclass import dataclass
 
 START, SHOW = "start", "show"
 """The names of the function that returns a chain's first streams, and of the program that converts them to colours."""

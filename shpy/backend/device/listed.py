@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -25,7 +25,6 @@ import numpy as np
 from shpy.backend.base import Array, Call, DeviceCall, Executable, Space
 from shpy.ir.nodes import Loc, Status
 from shpy.ir.types import Base, vec
-from shpy_start.dataclass import dataclass
 
 _FEW: Final = 0.7
 """The share of elements below which to gather and to scatter them takes less time than to run over all."""

@@ -11,13 +11,14 @@ Stage: emit. The IR has one loop. Its shape is read off the statements that its 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from shpy.backend.emit import tree
 from shpy.backend.emit.names import Names
 from shpy.backend.emit.survey import Place, Survey, is_whole
 from shpy.backend.emit.tree import BOOL, Assign, Block, Declare, Exit, Expr, Literal, Name
 from shpy.ir.nodes import Let, Loc, Loop, Region, Store
 from shpy.ir.traverse import continues, results, test_length, uses
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,11 @@ decision looks at nodes, never at text.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type, vec
-from shpy_start.dataclass import dataclass
 
 BOOL: Final = vec(Base.B)
 INT: Final = vec(Base.I)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
 from typing import Final
@@ -46,7 +46,6 @@ from shpy.passes.pipeline import PreparedModule, Target, prepare
 from shpy.passes.private import check_private, private_memory
 from shpy.passes.rejecting import find_rejection
 from shpy.passes.size import check_growth, check_size
-from shpy_start.dataclass import dataclass
 
 TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, nesting=MAX_NESTING, long=False)
 _FLOAT: Final = vec(Base.F)

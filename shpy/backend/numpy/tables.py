@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from shpy.backend.numpy.lanes import clamp_index
 from shpy.ir.meaning import floor_mod_int
-from shpy_start.dataclass import dataclass
 
 Array = NDArray[Any]
 Range = tuple[int, int]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from shpy.lang.data.hostdata import as_base, checked_bool, working
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, Leaf, flatten, leaves
 from shpy.lang.values.value import Value
-from shpy_start.dataclass import dataclass
 
 
 class Source(ABC):

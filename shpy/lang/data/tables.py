@@ -14,6 +14,7 @@ The IR knows tables of scalars and vectors only. One of structs or matrices is a
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, get_args
 
 import numpy as np
@@ -30,7 +31,6 @@ from shpy.lang.recording.recorder import Frame, need_frame
 from shpy.lang.values import arithmetic, coerce
 from shpy.lang.values.structure import Group, Layout, Leaf, build_values, layout_of, leaves, outside, type_of
 from shpy.lang.values.value import CLASSES, Value
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

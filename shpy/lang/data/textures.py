@@ -8,6 +8,7 @@ Stage: record. Used by closure, or as arguments annotated `sh.Texture2D[sh.Color
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -24,7 +25,6 @@ from shpy.lang.recording.names import assigned_name
 from shpy.lang.values.coerce import literal
 from shpy.lang.values.types import Attrib1i
 from shpy.lang.values.value import CLASSES, Value
-from shpy_start.dataclass import dataclass
 
 WrapName = Literal["clamp", "repeat", "mirror"]
 

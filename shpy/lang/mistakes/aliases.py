@@ -15,6 +15,7 @@ import ast
 import functools
 import itertools
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from types import FrameType
 from typing import Any
 
@@ -35,7 +36,6 @@ from shpy.lang.recording.recorder import Frame
 from shpy.lang.recording.symbolic import Symbolic
 from shpy.lang.recording.text import Text
 from shpy.lang.recording.tree import quoted
-from shpy_start.dataclass import dataclass
 
 Path = tuple[str, ...]
 """A name, and the fields of a struct that lead to a value: ("ray", "o")."""

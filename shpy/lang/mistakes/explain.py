@@ -13,6 +13,7 @@ import ast
 import itertools
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from types import FrameType
 from typing import Any, NoReturn, TypeAlias, TypeGuard
 
@@ -26,7 +27,6 @@ from shpy.lang.mistakes.foreign import OTHER_NAMES, is_in_library, module_cure
 from shpy.lang.recording.location import here, user_frame
 from shpy.lang.recording.text import Text
 from shpy.lang.recording.tree import quoted
-from shpy_start.dataclass import dataclass
 
 Hint: TypeAlias = tuple[str, str]  # the sentence, the cure
 _Span: TypeAlias = tuple[int, int, int, int]

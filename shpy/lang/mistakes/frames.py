@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from types import FrameType, FunctionType, ModuleType
 from typing import Any
 
@@ -27,7 +28,6 @@ from shpy.lang.mistakes.listing import Bound, Place, listing_of
 from shpy.lang.mistakes.statements import DISPLAYS, NUMBERS
 from shpy.lang.recording.location import called_frames, loc_in, user_frame
 from shpy.lang.recording.symbolic import Symbolic
-from shpy_start.dataclass import dataclass
 
 _GONE = object()
 

@@ -12,14 +12,13 @@ import functools
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import pairwise
 from types import CodeType
 from typing import Any
 
 from shpy.lang.recording.location import IN_PLACE
 from shpy.lang.recording.text import Text, origin, tell_of_change
-from shpy_start.dataclass import dataclass
 
 _ENDS = frozenset({"RETURN_VALUE", "RETURN_CONST", "RERAISE", "RAISE_VARARGS"})
 _NAMES = re.compile(r"(LOAD|STORE|DELETE)_(?:FAST|DEREF|CLOSURE)(?!_AND_CLEAR)")

@@ -13,6 +13,7 @@ import ast
 import functools
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from types import FrameType
 from typing import Any
 
@@ -25,7 +26,6 @@ from shpy.lang.mistakes.listing import Listing, Place
 from shpy.lang.recording.location import loc_in
 from shpy.lang.recording.symbolic import Symbolic
 from shpy.lang.recording.tree import FunctionNode, quoted
-from shpy_start.dataclass import dataclass
 
 _LOOPS = ("SH_WHILE", "SH_DO", "SH_FOR")
 _OPENERS = frozenset({"SH_IF", "SH_ELIF", "SH_ELSE", *_LOOPS})

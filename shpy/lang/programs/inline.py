@@ -7,7 +7,7 @@ the caller's module. Params and tables keep their identity; table inputs become 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import Any
 
@@ -26,7 +26,6 @@ from shpy.lang.values import arithmetic
 from shpy.lang.values.dependent import Dependent
 from shpy.lang.values.snapshot import Same
 from shpy.lang.values.structure import built, flatten, leaves, spoken_type
-from shpy_start.dataclass import dataclass
 
 Constants = Mapping[Same, tuple[int, ...]]
 """Constants by the Param or dependent uniform that they replace."""

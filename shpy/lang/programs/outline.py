@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from shpy.errors import RecordError, ShpyTypeError
@@ -21,7 +22,6 @@ from shpy.lang.recording.recorder import Frame, OpenRegion, need_frame, stores_i
 from shpy.lang.values import arithmetic
 from shpy.lang.values.structure import Layout, flatten, is_value, layout_from, leaves
 from shpy.lang.values.value import CLASSES
-from shpy_start.dataclass import dataclass
 
 Place = int | str
 """An argument by position or by keyword."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from types import CodeType
 from typing import Any
 
@@ -33,7 +33,6 @@ from shpy.lang.recording.recorder import Frame, Recording, recording
 from shpy.lang.recording.signature import bodies_of, fixed_by_partials, hints_of, loc_of, plain_function, return_loc
 from shpy.lang.values.dependent import first_value
 from shpy.lang.values.structure import Layout, layout_of, leaves, outside
-from shpy_start.dataclass import dataclass
 
 InputType = Layout | TableType | TextureType
 

@@ -8,6 +8,7 @@ expression, whose nodes are the handles: their results are known only when a pro
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -20,7 +21,6 @@ from shpy.ir.nodes import Attr
 from shpy.ir.ops import OPS, result_type
 from shpy.ir.types import Base, Type
 from shpy.lang.recording.recorder import Frame
-from shpy_start.dataclass import dataclass
 
 Handle = Any
 

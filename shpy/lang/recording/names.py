@@ -14,7 +14,7 @@ from __future__ import annotations
 import ast
 import dis
 import re
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import lru_cache
 from types import CodeType, FrameType
 from typing import Any
@@ -22,7 +22,6 @@ from typing import Any
 from shpy.ir.nodes import Loc
 from shpy.lang.recording.location import here, user_frame
 from shpy.lang.recording.text import Text, text_of
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(slots=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ import numpy as np
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import FLOATS, Base
 from shpy.lang.recording.location import here
-from shpy_start.dataclass import dataclass
 
 _ORDER = {Base.H: 0, Base.F: 1, Base.D: 2}
 _INFINITE = {Base.H: 65520.0, Base.F: 2.0**128 - 2.0**103, Base.D: math.inf}

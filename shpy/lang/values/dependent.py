@@ -10,7 +10,7 @@ computed before each run from the current values of the Params.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NoReturn
 
@@ -23,7 +23,6 @@ from shpy.lang.recording.emit import DEFERRED, Emitter, Handle, Node, nodes_of, 
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
-from shpy_start.dataclass import dataclass
 
 Evaluator = Callable[["Dependent", str, str], NDArray[Any]]
 """Computes a uniform, () or (size,), from its sources' current values, at a kernel's precision and in its mode."""

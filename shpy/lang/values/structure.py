@@ -19,6 +19,7 @@ import sys
 import typing
 from collections import namedtuple
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, ClassVar, NoReturn
 
@@ -34,7 +35,6 @@ from shpy.lang.values.coerce import literal
 from shpy.lang.values.dependent import name_parts
 from shpy.lang.values.matrix import Matrix, rows_of_array
 from shpy.lang.values.value import CLASSES, Value
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ callee is computed once for each set of its inputs that move. For roundings, a v
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from shpy.errors import RecordError
 from shpy.ir.nodes import Call, Function, Let, Store, Value, Variable
@@ -16,7 +16,6 @@ from shpy.ir.ops import LANE_OPS, OPS
 from shpy.ir.tangents import flat
 from shpy.ir.traverse import variables_of, walk
 from shpy.passes.derivatives.rounding import is_rounded
-from shpy_start.dataclass import dataclass
 
 Moving = tuple[bool, ...]
 """For each input or output of a function, whether it moves: a value, or the contents of a variable."""

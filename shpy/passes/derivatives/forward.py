@@ -19,7 +19,7 @@ arguments that move.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Stmt, Store, Value, Variable
 from shpy.ir.ops import OPS
@@ -28,7 +28,6 @@ from shpy.ir.types import Type
 from shpy.passes.derivatives.activity import Activities, Activity, Moving
 from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder, Zero, dense, joined, tangent_of
 from shpy.passes.derivatives.own_rules import forward_by_rule
-from shpy_start.dataclass import dataclass
 
 Seed = Sequence[int | None]
 """For each direction, the component of an input that has the tangent 1 in it; None for an input that stays."""

@@ -9,13 +9,14 @@ that they only read, before the loop; and of arrays the elements that the loop o
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from shpy.errors import RecordError
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import MAX_ARRAY, Break, Function, If, Let, Loop, Region, Store, Value, Variable
 from shpy.ir.traverse import results, uses, variables_of, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.liveness import live_before, stored_in
-from shpy_start.dataclass import dataclass
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
 

@@ -5,10 +5,9 @@ Stage: improve; for `reverse`.
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from shpy.passes.derivatives.linear import Tangent
-from shpy_start.dataclass import dataclass
 
 
 @dataclass

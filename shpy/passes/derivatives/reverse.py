@@ -31,7 +31,7 @@ an array has the contents that the forward part stored.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from shpy.ir.nodes import (
@@ -69,7 +69,6 @@ from shpy.passes.derivatives.rounding import LineErrors, is_rounded, is_scale, r
 from shpy.passes.derivatives.structured import head_of
 from shpy.passes.derivatives.table_reads import Reads, TableReads
 from shpy.passes.derivatives.transposed import Transposition, spread
-from shpy_start.dataclass import dataclass
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
 

@@ -17,13 +17,13 @@ A store out of range is dropped.
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from typing import Any
 
 from shpy.ir.nodes import Let, Loop, Module, Region, Value, Variable
 from shpy.ir.traverse import callee_of, calls_of, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.derivatives.linear import Live, TangentBuilder
-from shpy_start.dataclass import dataclass
 
 AT_ONCE = 16
 """The most reads of a table in loops for which a run gives outputs.

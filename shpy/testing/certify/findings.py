@@ -6,12 +6,12 @@ Stage: test. A section is a list of checks; a check takes a `DeviceChoice` and g
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from shpy.programs import Program
 from shpy.run.kernel import Kernel
 from shpy.testing.reference import flushes
-from shpy_start.dataclass import dataclass
 
 Verdict = Literal["same", "denormals", "refused", "absent", "differs", "failed"]
 """`denormals`: the same bits but where a denormal arises; `absent`: it cannot be checked here."""

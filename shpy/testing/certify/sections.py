@@ -12,7 +12,7 @@ import functools
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -23,7 +23,6 @@ from shpy.testing.certify.functions import bound_checks, input_checks, sweep_che
 from shpy.testing.certify.pictures import example_checks, picture_checks
 from shpy.testing.conformance.cases import Case
 from shpy.testing.conformance.catalogue import all_cases
-from shpy_start.dataclass import dataclass
 
 SECTIONS: Final = ("conformance", "functions", "accuracy", "examples", "pictures")
 INPUTS: Final = "inputs"

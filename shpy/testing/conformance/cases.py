@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,7 +31,6 @@ from shpy.testing.arrays import differing, flat_leaves
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.reference import INTERPRETER, PREPARED, flushes, kernel
-from shpy_start.dataclass import dataclass
 
 F = TypeVar("F", bound=Callable[..., Any])
 EXACT = Tolerance()

@@ -7,7 +7,7 @@ A number that only the driver's compiler can derive (`i - i`), or a denormal, is
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 from hypothesis import strategies as st
@@ -53,7 +53,6 @@ from shpy.testing.generated.syntax import (
     U,
     Variable,
 )
-from shpy_start.dataclass import dataclass
 
 CORE = (F, I, vec("f", 3), B)
 """Every program has a variable of each of these types."""

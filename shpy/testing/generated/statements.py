@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from hypothesis import strategies as st
@@ -41,7 +42,6 @@ from shpy.testing.generated.syntax import (
     Write,
     WriteStruct,
 )
-from shpy_start.dataclass import dataclass
 
 MAX_ITERATIONS = 4
 

@@ -7,8 +7,9 @@ Stage: test. `source.py` writes a tree in the language and records it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from shpy.ir.types import Type, vec
-from shpy_start.dataclass import dataclass
 
 F, F2, F3, I, I2, U, B, B3 = (  # noqa: E741 - the language's names
     vec("f"), vec("f", 2), vec("f", 3), vec("i"), vec("i", 2), vec("u"), vec("b"), vec("b", 3),

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -36,7 +37,6 @@ from shpy.backend.glsl.text.prologue import KINDS
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type, vec
-from shpy_start.dataclass import dataclass
 
 PROGRAMS: Final = 256
 """The most programs that the space keeps; the one used longest ago is dropped."""

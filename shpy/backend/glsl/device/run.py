@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 import weakref
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -28,7 +28,6 @@ from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Status
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, Type, vec
-from shpy_start.dataclass import dataclass
 
 Inputs = dict[int, tuple[Any, bool]]
 """The textures of inputs by index, each with whether it has a texel for each element."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any, Final
 
@@ -26,7 +27,6 @@ from shpy.backend.glsl.text.interface import FOLD
 from shpy.errors import ShpyError
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type
-from shpy_start.dataclass import dataclass
 
 FORMATS: Final = {"f": "f4", "h": "f4", "i": "i4", "u": "u4", "b": "u1"}
 """The components of a texture by the base of what it holds."""

@@ -5,10 +5,10 @@ Stage: between emit and run.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from shpy.ir.types import Type
-from shpy_start.dataclass import dataclass
 
 FOLD: Final = 4096
 """Texels in a row of a table: element i stands at (i % FOLD, i / FOLD)."""

@@ -9,6 +9,7 @@ Stage: run.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)

@@ -10,7 +10,7 @@ Python's own time does not matter. Tiles are read before they are written, so an
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import attrgetter
 from typing import Any, Final
@@ -39,7 +39,6 @@ from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import PreparedModule, Target, prepare
 from shpy.passes.private import private_memory
 from shpy.passes.rejecting import find_rejection
-from shpy_start.dataclass import dataclass
 
 SPACE: Final = NumpySpace(COLLECTIVES)
 """The host's memory."""

@@ -15,6 +15,7 @@ but to put one together is a copy, and what depends on the column alone is still
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 from shpy.backend.numpy.text.iterations import counted, lanes_alone, with_counters
@@ -25,7 +26,6 @@ from shpy.passes.components import GEOMETRY, take_apart
 from shpy.passes.lower import lower
 from shpy.passes.pipeline import optimise
 from shpy.passes.vectorize import VectorModule, vectorize
-from shpy_start.dataclass import dataclass
 
 _WORTH_MAKING = 4
 """Operations on whole vectors for each that is made of numbers, from which on it is better to make them."""

@@ -17,12 +17,11 @@ those that are needed after the loop are kept and given back.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 from shpy.backend.emit import tree
 from shpy.backend.emit.names import Names
 from shpy.backend.emit.tree import BOOL, INT, Assign, Block, Do, Each, Exit, Expr, If, Loop, Name, Stmt, Tuple, Update
-from shpy_start.dataclass import dataclass
 
 _NONE: frozenset[Expr] = frozenset()
 

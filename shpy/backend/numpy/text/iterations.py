@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from shpy.ir.constants import to_array
 from shpy.ir.nodes import Break, Function, If, Let, Loop, Region, Stmt, Store, Value
@@ -23,7 +23,6 @@ from shpy.ir.traverse import defined, map_regions, uses, walk
 from shpy.passes.calls import LaneFacts
 from shpy.passes.components import SCALED
 from shpy.passes.liveness import annotate, loops
-from shpy_start.dataclass import dataclass
 
 _FOLDS = {"add": "np.add", "mul": "np.multiply"}
 _VECTORS = frozenset({"table", "construct", *SCALED})

@@ -12,13 +12,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 from shpy.ir.nodes import Function, If, Let, Loop, Region, Return, Stmt, Store
 from shpy.ir.traverse import regions_of, uses, walk
 from shpy.passes.liveness import annotate, loops
-from shpy_start.dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ Stage: emit. Takes a module from `vectorize`; returns the text and the names of 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from shpy.backend.emit import tree
@@ -22,7 +23,6 @@ from shpy.ir.nodes import Function
 from shpy.ir.traverse import defined
 from shpy.passes.calls import LaneFacts
 from shpy.passes.vectorize import VectorModule
-from shpy_start.dataclass import dataclass
 
 _LANE_NAMES: Final = frozenset(lane_functions.__all__)
 _SOURCES: Final = {"shpy.backend.numpy.lanes": _LANE_NAMES, "shpy.ir": EXACT, "shpy.ir.meaning": MEANINGS - _LANE_NAMES}

@@ -12,7 +12,7 @@ for the text).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from importlib import resources
 from itertools import chain
@@ -38,7 +38,6 @@ from shpy.passes.pipeline import PreparedModule, prepare
 from shpy.passes.precision import rebased
 from shpy.passes.private import private_memory
 from shpy.passes.size import inlined_sizes
-from shpy_start.dataclass import dataclass
 
 _CPU_DIGIT: Final = 13
 _DIGIT: Final = 8

@@ -15,6 +15,7 @@ import re
 import sys
 import weakref
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
 from weakref import WeakKeyDictionary
@@ -30,7 +31,6 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Status
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, Type
-from shpy_start.dataclass import dataclass
 
 MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 """The dtype of a component in a buffer, by base."""

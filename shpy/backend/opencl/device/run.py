@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 import weakref
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -37,7 +37,6 @@ from shpy.ir.nodes import Loc, Status, Table
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type, vec
 from shpy.passes.pipeline import PreparedModule
-from shpy_start.dataclass import dataclass
 
 HURRIED: Final = "built without the driver's optimization, until this has paid"
 _WIDE: Final = 32

@@ -18,10 +18,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
-
-from shpy_start.dataclass import dataclass
 
 DECLARES = "declares"
 """The name of the trial that succeeds where a program may declare the functions of OpenCL C itself."""

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
@@ -36,7 +37,6 @@ from shpy.backend.opencl.packets.prologue_memory import (
 from shpy.backend.opencl.packets.widen import rows_of
 from shpy.backend.opencl.text.prologue import SCALARS, Prologue
 from shpy.ir.types import Base, Type
-from shpy_start.dataclass import dataclass
 
 IN_REGISTERS: Final = 8
 """The most elements of a local array whose element is chosen by comparisons; longer arrays lie in memory."""

@@ -19,13 +19,13 @@ plain list of components to a chain of inserts (40 ns where shuffles take 20, fo
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Final
 
 from shpy.backend.opencl.packets.prologue_wide import LONGEST
 from shpy.backend.opencl.packets.widen import rows_of
 from shpy.backend.opencl.text.prologue import NOINLINE, SCALARS
 from shpy.ir.types import Base, Type
-from shpy_start.dataclass import dataclass
 
 QUAD: Final = 4
 """Numbers that are loaded, stored and sorted together; the columns of a packet that is a block."""

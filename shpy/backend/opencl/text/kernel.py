@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from shpy.backend.emit import tree
@@ -42,7 +43,6 @@ from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import REPRODUCIBLE, Math
 from shpy.passes.private import NONE, Private, bytes_of, private_memory
 from shpy.passes.size import not_inlined
-from shpy_start.dataclass import dataclass
 
 ULONG: Final = Own("ulong")
 SIZE: Final = Own("size_t")
