@@ -16,9 +16,10 @@ count for equality, nor does the metadata of params; names of ports, params, tab
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from shpy.errors import Loc as Loc
+from shpy.ir.frozen import dataclass
 from shpy.ir.metadata import NOTHING, About
 from shpy.ir.types import Type
 

@@ -12,9 +12,10 @@ decision looks at nodes, never at text.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
+from shpy.ir.frozen import dataclass
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type, vec
 

@@ -17,11 +17,12 @@ those that are needed after the loop are kept and given back.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from shpy.backend.emit import tree
 from shpy.backend.emit.names import Names
 from shpy.backend.emit.tree import BOOL, INT, Assign, Block, Do, Each, Exit, Expr, If, Loop, Name, Stmt, Tuple, Update
+from shpy.ir.frozen import dataclass
 
 _NONE: frozenset[Expr] = frozenset()
 
