@@ -37,47 +37,6 @@ def drawn(case: Case) -> int:
     return zlib.crc32(case.name.encode())
 
 
-def test_every_case_has_a_name_of_its_own() -> None:
-    assert len(set(NAMES)) == len(NAMES)
-
-
-def test_every_operation_is_in_the_list() -> None:
-    found = set()
-    for case in CASES:
-        for function in case.program.ir.functions:
-            found |= {s.op for s in walk(function.body) if isinstance(s, Let)}
-    assert found == set(OPS) | set(STRUCTURAL) - MADE_BY_PASSES
-
-
-@pytest.mark.sampled(4)
-@each(STRUCTURED)
-def test_targets_agree_with_the_interpreter(case: Case) -> None:
-    """Run a case on all targets but OpenCL, which the next tests run; how many are in a tile of numpy does not matter.
-
-    A case is one test, not one for each target: pytest takes milliseconds for each of thousands.
-    """
-    agree(case, "prepared")
-    agree_on_numpy_and_glsl(case)
-    for width in TILES:
-        case.check(case.run(width), width)
-    if case.expected is not None:
-        is_expected(case)
-
-
-@pytest.mark.sampled(6)
-@each(operations.ROWS)
-def test_targets_agree_with_the_meaning_of_an_operation(case: Case) -> None:
-    """The reference is the row's meaning: the interpreter runs half of the rows as recorded, the others as prepared."""
-    agree(case, INTERPRETED[drawn(case) // 2 % 2])
-    agree_on_numpy_and_glsl(case)
-
-
-def agree_on_numpy_and_glsl(case: Case) -> None:
-    """One of the two is disturbed; the generated programs, chains and collectives are on both."""
-    for number, target in enumerate(("numpy", "glsl")):
-        agree(case, target, disturbed=drawn(case) % 2 == number)
-
-
 def exits(case: Case) -> tuple[str, str] | None:
     """Return the inner and the outer form of a case of exits from nested forms."""
     forms, _, rest = case.name.partition("-")
@@ -93,10 +52,67 @@ def in_turn(case: Case) -> bool:
 
 TYPED = {case.name for case in operations.cases()}
 """Cases of each type: conversions, vectors, Params, Tables of one to three axes."""
+PRODUCTS = [case for case in STRUCTURED if exits(case) or case.name in TYPED]
+"""Each form of control inside of each other one, and each operation on each type: 300 of 560 cases."""
+
+
+def test_every_case_has_a_name_of_its_own() -> None:
+    assert len(set(NAMES)) == len(NAMES)
+
+
+def test_every_operation_is_in_the_list() -> None:
+    found = set()
+    for case in CASES:
+        for function in case.program.ir.functions:
+            found |= {s.op for s in walk(function.body) if isinstance(s, Let)}
+    assert found == set(OPS) | set(STRUCTURAL) - MADE_BY_PASSES
+
+
+@pytest.mark.sampled(4)
+@each([case for case in STRUCTURED if case not in PRODUCTS])
+def test_targets_agree_with_the_interpreter(case: Case) -> None:
+    """Run a case on all targets but OpenCL, which the next tests run; how many are in a tile of numpy does not matter.
+
+    A case is one test, not one for each target: pytest takes milliseconds for each of thousands.
+    """
+    agree(case, "prepared")
+    agree_on_numpy_and_glsl(case)
+    for width in TILES:
+        case.check(case.run(width), width)
+    if case.expected is not None:
+        is_expected(case)
+
+
+@pytest.mark.sampled(9)
+@each(PRODUCTS)
+def test_targets_agree_on_forms_in_forms_and_on_types(case: Case) -> None:
+    test_targets_agree_with_the_interpreter(case)
+
+
+@pytest.mark.sampled(14)
+@each(operations.ROWS)
+def test_targets_agree_with_the_meaning_of_an_operation(case: Case) -> None:
+    """The reference is the row's meaning: the interpreter runs half of the rows as recorded, the others as prepared."""
+    agree(case, INTERPRETED[drawn(case) // 2 % 2])
+    agree_on_numpy_and_glsl(case)
+
+
+def agree_on_numpy_and_glsl(case: Case) -> None:
+    """One of the two is disturbed; the generated programs, chains and collectives are on both."""
+    for number, target in enumerate(("numpy", "glsl")):
+        agree(case, target, disturbed=drawn(case) % 2 == number)
+
+
 SELDOM = [
-    case for case in STRUCTURED if (exits(case) and not in_turn(case)) or (case.name in TYPED and drawn(case) % 2)
+    case
+    for case in STRUCTURED
+    if (exits(case) and not in_turn(case))
+    or (case.name in TYPED and (drawn(case) % 2 or case.name.startswith("long-")))
 ]
-"""Cases that OpenCL, whose driver compiles each for a quarter of a second, has in slow tests alone."""
+"""Cases that OpenCL, whose driver compiles each for a quarter of a second, has in slow tests alone.
+
+Long vectors, two seconds each in packets, are in `test_long_vectors.py`.
+"""
 
 
 @pytest.mark.slow
@@ -105,7 +121,7 @@ def test_opencl_agrees_on_the_other_exits_and_types(case: Case) -> None:
     agree(case, "opencl")
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(20)
 @each([case for case in STRUCTURED if case not in SELDOM])
 def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
     """Each case takes one of the widths: the elements in a packet are independent.
@@ -120,7 +136,7 @@ RARELY_WIDE = ("opencl-1", "opencl-16", "opencl-1", "opencl")
 """One lane, as on a GPU, at every other case; a fourth at the width that a program gets by itself, which may be 64."""
 
 
-@pytest.mark.sampled(48)  # its driver compiles each for half a second; `test_packet_operations.py` has all in few
+@pytest.mark.slow  # its driver compiles each for half a second; `test_packet_operations.py` has all in few
 @pytest.mark.parametrize("part", range(48))
 def test_operations_by_themselves_agree_on_opencl(part: int) -> None:
     """One lane is what a GPU runs. Its compiler derives numbers too; `python -m tests.drivers` runs the whole list."""
@@ -154,10 +170,10 @@ def transcendental(case: Case) -> bool:
     return not case.options and any(s.op in TRANSCENDENTALS for s in lets)
 
 
-PARTS = 8
+PARTS = 12
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("part", range(PARTS))
 def test_portable_mode_agrees_with_the_interpreter(part: int) -> None:
     """Every fourth case; which cases those are is known once all are recorded, so they are parts of one list."""
@@ -178,11 +194,11 @@ def agree_in_portable_mode(case: Case) -> None:
 OUT_OF_RANGE = "is out of the range of f at precision f16"
 
 
-@pytest.mark.sampled(100)
-@pytest.mark.parametrize("part", range(100))
+@pytest.mark.sampled(200)
+@pytest.mark.parametrize("part", range(200))
 def test_other_working_precisions_agree_with_the_interpreter(part: int) -> None:
     for precision in ("f16", "f64"):
-        for case in [case for case in CASES if "precision" not in case.options and not case.meaning][part::100]:
+        for case in [case for case in CASES if "precision" not in case.options and not case.meaning][part::200]:
             agree_at(precision, case)
 
 
@@ -221,9 +237,10 @@ def test_every_case_agrees_in_wide_packets(part: int) -> None:
             case.check(case.run(width), width)
 
 
+@pytest.mark.sampled(2)
 @each(zeros.cases())
 def test_one_lane_has_the_same_zeros(case: Case) -> None:
-    """All of them at the width that a compiler for a GPU gets, which derives numbers most often."""
+    """At the width that a compiler for a GPU gets, which derives numbers most often."""
     case.check(case.run("opencl-1"), "opencl-1")
 
 
@@ -243,7 +260,7 @@ def is_expected(case: Case) -> None:
         assert not len(wrong), f"element {wrong[0]}: {found[tuple(wrong[0])]!r}, not {whole[tuple(wrong[0])]!r}"
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("part", range(16))
 def test_text_is_read_back_as_the_same_module(part: int) -> None:
     for case in CASES[part::16]:
