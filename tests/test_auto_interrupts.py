@@ -23,7 +23,7 @@ from shpy.run import tiers
 SHPY = str(Path(sh.__file__).parent)
 TAKEOVER = ("run/tiers.py", "backend/slow.py", "backend/registry.py", "device/building.py", "device/driver.py")
 """The files of which one line in `OWN` is interrupted in every run, of others one in `OTHERS`."""
-OWN, OTHERS = 16, 300
+OWN, OTHERS = 40, 600
 X = np.linspace(0, 1, 70_000, dtype=np.float32)
 
 

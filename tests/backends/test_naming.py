@@ -3,7 +3,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from shpy.backend.emit.names import _PREFIXES, MAX_LENGTH, RESERVED, Names, Target, legal
 
@@ -37,6 +37,7 @@ def test_every_nasty_name_becomes_a_legal_one_of_its_own(target: Target) -> None
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("target", TARGETS)
+@settings(max_examples=40)
 @given(wanted=st.lists(st.text(max_size=60) | st.from_regex(r"[a-z_]{1,5}_?[0-9]?", fullmatch=True), max_size=30))
 def test_any_text_becomes_a_legal_name_of_its_own(target: Target, wanted: list[str]) -> None:
     names = Names(target)

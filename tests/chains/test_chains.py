@@ -213,7 +213,7 @@ TREES = chains(st.one_of(st.sampled_from(ALL), loops(), decided_loops(ALL)))
 
 @pytest.mark.sampled(3)
 @on_every_backend
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(tree=TREES, seed=st.integers(0, 9), size=st.sampled_from([1, 2, 7, 64, 131]))
 def test_random_chains_give_what_their_kernels_give_one_by_one(backend, tree, seed, size):
     check(tree, backend, data(seed, size))

@@ -30,7 +30,7 @@ def filled(number):
     return np.full(COUNT, number, np.float32)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("change", ["a part", "all", "all, and another run", "the table is gone"])
 def test_a_run_reads_the_data_of_its_start(backend, change):

@@ -251,7 +251,7 @@ def test_where_takes_bools():
             return where
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @SHARES
 @on_every_backend
 def test_a_stream_is_the_condition_of_a_chain(backend, share):

@@ -53,7 +53,7 @@ def check_top_k(backend, count, seed, **options):
 
 @pytest.mark.sampled(3)
 def test_distinct_elements(moved):
-    check_unique(moved, 150, 1)
+    check_unique(moved, 60, 1)
 
 
 @pytest.mark.sampled(3)

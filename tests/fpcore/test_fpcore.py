@@ -201,10 +201,10 @@ class Drawn:
                 SH_RETURN(tuple(self.names), self.test(), through=True)
 
 
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("first", range(0, 30, 10))
+@pytest.mark.sampled(6)
+@pytest.mark.parametrize("first", range(0, 30, 5))
 def test_generated_programs_have_the_value_of_their_text(first):
-    for number in range(first, first + 10):
+    for number in range(first, first + 5):
         check(sh.program(Drawn(number)), {"x": X[:3], "y": Y[:3]}, 3)
 
 

@@ -25,7 +25,7 @@ from tests.backends.running import differs, flushes_denormals, run
 COUNT = 24
 LIMIT = 4096
 quietly = settings(
-    max_examples=5,
+    max_examples=4,
     deadline=None,
     database=None,
     suppress_health_check=list(HealthCheck),

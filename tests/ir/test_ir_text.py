@@ -339,7 +339,7 @@ def modules(draw):
     )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(modules())
 def test_any_module_is_read_back(module):
     assert parse(print_module(module, names=False)) == module

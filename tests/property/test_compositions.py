@@ -239,7 +239,7 @@ def check(seed: int) -> None:
             assert not differing(a, b).any(), f"{backend}, seed {seed}: {a} instead of {b}\n{whole.told}"
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("group", range(5))
 def test_compositions_give_what_their_parts_give(group: int) -> None:
     for seed in range(10 * group, 10 * group + 10):

@@ -126,7 +126,7 @@ def test_the_next_call_is_right(backend, monkeypatch):
     wanted = {spoken: np.asarray(call()).tobytes() for spoken, call in works.items()}
     interrupts, wrong = Interrupts(backend, monkeypatch), []
     for spoken, call in works.items():
-        for at in (0, 1, 2, 4):
+        for at in (0, 1, 3):
             interrupts.at = at
             try:
                 found = np.asarray(call()).tobytes()
@@ -134,7 +134,7 @@ def test_the_next_call_is_right(backend, monkeypatch):
                 found = wanted[spoken]
             interrupts.at = None
             others = {
-                other: np.asarray(works[other]()).tobytes() for other in dict.fromkeys((spoken, *list(works)[:5]))
+                other: np.asarray(works[other]()).tobytes() for other in dict.fromkeys((spoken, *list(works)[:3]))
             }
             wrong += [(spoken, at, other) for other, again in others.items() if again != wanted[other]]
             wrong += [(spoken, at)] if found != wanted[spoken] else []
@@ -148,7 +148,7 @@ def test_the_next_call_is_right_after_an_interrupt_anywhere(name):
     works, chosen, wrong = calls(name), random.Random(name), []
     wanted = {spoken: np.asarray(call()).tobytes() for spoken, call in works.items()}
     for spoken, call in works.items():
-        for number in chosen.choices(range(1, interrupted_at(call) + 1), k=6):
+        for number in chosen.choices(range(1, interrupted_at(call) + 1), k=3):
             interrupted_at(call, number)
             wrong += [(spoken, number)] if np.asarray(call()).tobytes() != wanted[spoken] else []
     assert wrong == []

@@ -133,7 +133,7 @@ def check(backend, seed, times):
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_calls_after_an_interrupt(backend):
-    check(backend, 1, 60)
+    check(backend, 1, 30)
 
 
 def test_a_run_in_parts_is_interrupted_at_each_line():

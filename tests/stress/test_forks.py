@@ -49,7 +49,7 @@ def check(seed, times, *backends):
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("backends", [("numpy",), ("opencl",), ("glsl",), ("numpy", "opencl", "glsl")])
 def test_children_end(backends):
-    check(1, 8, *backends)
+    check(1, 4, *backends)
 
 
 @pytest.mark.slow

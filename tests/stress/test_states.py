@@ -238,9 +238,9 @@ def machine(kind, examples, steps):
     return Case
 
 
-TestOnNumpy = machine(OnNumpy, 20, 50)
-TestOnOpenCL = machine(OnOpenCL, 15, 50)
-TestOnGlsl = machine(OnGlsl, 10, 50)
+TestOnNumpy = machine(OnNumpy, 10, 50)
+TestOnOpenCL = machine(OnOpenCL, 7, 50)
+TestOnGlsl = machine(OnGlsl, 5, 50)
 
 
 @pytest.mark.slow
