@@ -232,8 +232,8 @@ def _answers_are_for_other_processes():
 
 
 ONE_LANE = {
-    *("chains", "gradients", "streams", "stress", "test_conformance_runs", "test_documentation", "test_examples"),
-    "raytracer",
+    *("accuracy", "chains", "cluster", "gradients", "library", "raytracer", "record", "streams", "stress", "testing"),
+    *("test_conformance_runs", "test_documentation", "test_examples", "test_auto", "test_auto_tiles", "test_zeros"),
 }
 """Folders and files of tests of what programs mean, whatever their packets: OpenCL's widths have tests of their own."""
 
