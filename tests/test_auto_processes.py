@@ -136,7 +136,7 @@ def test_a_worker_of_dask_goes_on_with_opencl_on_one_core(monkeypatch):
         return sh.sin(x) * 3
 
     with (
-        LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0") as cluster,
+        LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None) as cluster,
         Client(cluster) as client,
     ):
         parts = [X, X[:50_000], -X]  # two threads of the worker share the program's kernel

@@ -59,7 +59,7 @@ def test_pytest_shows_the_users_lines_alone(tmp_path):
 
 
 def test_a_full_trace_shows_all_lines(tmp_path):
-    assert re.search(r"shpy/lang/programs/record\.py:\d+: ", output(tmp_path, "--full-trace"))
+    assert re.search(r"shpy/lang/programs/record\.py:\d+: ", output(tmp_path, "--full-trace", "-k", "test_refused"))
 
 
 def test_the_users_own_error_hides_the_frames_around_it(tmp_path):

@@ -100,8 +100,8 @@ def check(tree: Tree) -> None:
         assert excluded(program, inputs, int(n)) is not None, f"{numbers}\n{source(tree)}"
 
 
-@pytest.mark.sampled(400)
-@pytest.mark.parametrize("shard", range(400))
+@pytest.mark.sampled(500)
+@pytest.mark.parametrize("shard", range(500))
 def test_the_bound_holds(shard: int) -> None:
     @quietly
     @given(trees())

@@ -95,7 +95,7 @@ WHOLE = [name for name in FLOATS if name not in ("float_from_bits",)]
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_operations_keep_their_bounds(precision: str) -> None:
     for name in WHOLE:
-        check(name, precision, ("strict",) if precision == "f64" else MODES, 12)
+        check(name, precision, ("strict",) if precision == "f64" else MODES, 8)
 
 
 @pytest.mark.slow

@@ -249,7 +249,7 @@ def with_rounded_line(function: Callable[..., Any], inputs: dict[str, Any], line
     return names["result"]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda e: e.function.__name__)
 def test_the_line_is_named(example: Example) -> None:
     report = sh.accuracy.roundings(sh.program(example.function), example.domain, samples=400)

@@ -61,6 +61,7 @@ def one_operation(name: str) -> tuple[sh.Program, int]:
 FLOATS = sorted(n for n, op in OPS.items() if op.signature[0] in "fna" and n not in ("bits_from_float", "any", "all"))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", FLOATS)
 def test_each_operation_is_that_of_the_table(name):
     """On ordinary numbers binary64 is right to nearly its last bits."""

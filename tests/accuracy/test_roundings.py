@@ -91,7 +91,7 @@ PROGRAMS: dict[str, tuple[sh.Program, dict[str, Any], str | None]] = {
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_bound_holds_and_the_line_is_named(name: str) -> None:
     program, domain, form = PROGRAMS[name]
-    report = sh.accuracy.roundings(program, domain, samples=150)
+    report = sh.accuracy.roundings(program, domain, samples=80)
     exact = evaluate(Setting(program, tuple(report.inputs.values()))).outputs[0].high[:, 0]
     error = np.abs(program.compile("numpy")(*report.inputs.values()) - exact)
     assert (error <= report.bounds * 1.001).all()

@@ -131,7 +131,7 @@ def one_thread():
         yield
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @every
 @pytest.mark.parametrize("chunks", [(5, 4, 3), (13, 17, 3), (1, 17, 3)])
 def test_blocks_have_the_bits_of_one_run(name, chunks):
@@ -229,7 +229,7 @@ def test_arrays_that_are_hardly_longer_than_the_reach_wrap_around(n):
     assert found.compute().tobytes() == wanted.tobytes()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @every
 @pytest.mark.parametrize("size", [1, 3, 9, 17])
 def test_indices_clamped_by_the_program_reach_as_far(name, size):
@@ -455,7 +455,7 @@ def test_a_worker_that_is_killed_costs_nothing_but_its_blocks(tmp_path):
     kernel = gray_scott.compile("numpy")
     wanted = sh.repeat(kernel, 4).run(u=U, v=V).streams
     with (
-        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
         Client(cluster) as client,
         dask.config.set(scheduler=client),
     ):

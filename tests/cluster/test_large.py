@@ -67,7 +67,7 @@ def test_a_grid_that_one_worker_cannot_hold_has_the_bits_of_one_process():
     assert int(peak) > LIMIT
     with (
         LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, memory_limit=LIMIT, dashboard_address=":0"
+            n_workers=2, threads_per_worker=1, processes=True, memory_limit=LIMIT, dashboard_address=None
         ) as cluster,
         Client(cluster),
     ):
