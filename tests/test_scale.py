@@ -124,7 +124,7 @@ def lines_of(work):
 @pytest.mark.parametrize("make", [choices, additions, chain, functions])
 def test_work_grows_with_the_program(make):
     """Four times the statements take at most 4.4 times the work, in every stage."""
-    sizes = 48, 192
+    sizes = 32, 128
     programs = [make(n) for n in (16, *sizes)]
     for stage in (as_text, on_numpy, on_opencl, in_packets):
         stage(programs[0])  # what is imported and made once

@@ -115,7 +115,7 @@ def test_recordings_at_once_have_their_own_lines_and_names(impatient):
     wrong = []
 
     def work(first):
-        for k in range(12):
+        for k in range(6):
             function = (*GOOD, *BAD)[(first + k) % 5]
             if function in texts:
                 wrong.extend([function.__name__] if str(sh.program(function).ir) != texts[function] else [])
@@ -230,7 +230,7 @@ def test_eight_threads_record_compile_and_run_on_every_backend(impatient, monkey
     """Results are those of one thread on numpy, bit for bit, also while kernels are evicted."""
     monkeypatch.setattr(kernel, "_executables", {})
     monkeypatch.setattr(kernel, "_KEPT", 6)
-    run_everything(threads=8, rounds=3, different=2)
+    run_everything(threads=8, rounds=2, different=2)
 
 
 @pytest.mark.slow

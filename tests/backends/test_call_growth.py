@@ -55,7 +55,7 @@ def halved(x: float, times: int, branch: bool) -> float:
     return x
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("target", ["numpy", "opencl-1", "opencl-8", "glsl"])
 def test_a_short_chain_gives_its_numbers(kind, target):
@@ -82,7 +82,7 @@ def test_opencl_keeps_functions_apart_where_they_would_multiply(lanes):
     assert max(len(line) - len(line.lstrip()) for line in source.splitlines()) <= 16
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("target", "kind"), [("opencl-1", "value"), ("opencl-8", "discard"), ("opencl-8", "array"), ("numpy", "array"),
                      ("glsl", "value"), ("glsl", "pure"), ("glsl", "array")],

@@ -22,6 +22,7 @@ WORDS = np.concatenate(
 POINTS = np.random.default_rng(6).uniform(-100, 100, (500, 3)).astype(np.float16).astype(np.float32)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("precision", ["f16", "f32"])
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_unit_float_is_the_upper_bits(backend, precision):
@@ -59,6 +60,7 @@ def test_noise_of_binary16_is_near_that_of_binary32(backend):
     assert (half[3] < 1).all()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("math_mode", ["strict", "portable"])
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_mad_rounds_twice_at_f16(backend, math_mode):

@@ -7,14 +7,13 @@ from fractions import Fraction
 import dask.array as da
 import numpy as np
 import pytest
-from backends.running import LANES, WIDE, kernel
+from backends.running import covering, kernel
 from rational import each
 
 import shpy as sh
 from shpy.backend.device.probe import EMULATED
 from shpy.testing.observers import Setting, observer
 
-EVERYWHERE = ["interpreter", "numpy", *LANES, *WIDE, "glsl"]
 PRECISIONS = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
 RNG = np.random.default_rng(5)
 
@@ -89,7 +88,7 @@ def inputs_of(program, precision="f32", count=400):
 @pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_every_backend_gives_the_bits_of_the_interpreter(name):
-    backends = EVERYWHERE if name == "control" else ["interpreter", "numpy", "opencl-1", "opencl-8", "glsl"]
+    backends = ["interpreter", *covering(list(PROGRAMS).index(name))]
     sh.testing.assert_equivalent(PROGRAMS[name], *inputs_of(PROGRAMS[name]), backends=backends, fuse=True)
 
 
@@ -107,14 +106,14 @@ def test_other_precisions(name, precision):
 
 
 def test_portable_mode():
-    sh.testing.assert_equivalent(control, *inputs_of(control), math="portable", fuse=True)
+    sh.testing.assert_equivalent(control, *inputs_of(control), math="portable", fuse=True, backends=covering(2))
 
 
 def finite(*shape, precision="f32"):
     return (RNG.normal(size=shape) * 2.0 ** RNG.integers(-4, 4, shape)).astype(PRECISIONS[precision])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("backend", ["interpreter", "prepared", "numpy", "numpy-5", "opencl-1", "opencl-16", "glsl"])
 def test_closed_forms(backend):
     x, (a, b) = finite(200), finite(2, 200, 2)
@@ -132,7 +131,7 @@ def dot_of(v, w):
     return each(v[:, 2], w[:, 2], total)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("backend", ["interpreter", "numpy", "opencl-1", "opencl-8", "glsl"])
 def test_closed_forms_of_composites(backend):
     (v, w), t = finite(2, 120, 3), finite(120)

@@ -19,6 +19,7 @@ def glsl(program: Any) -> Any:
     return program.compile("glsl")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "element", [sh.Attrib1f, sh.Attrib2f, sh.Attrib3f, sh.Attrib4f, sh.Attrib1i, sh.Attrib3i, sh.Attrib2u]
 )

@@ -126,6 +126,7 @@ def test_operands_of_a_hidden_comparison_keep_their_order(fault: str, wrong: Any
     assert np.array_equal(kernel(x), expected)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["asin", "acos", "asinh", "acosh", "hypot"])
 def test_square_roots_of_binary64_are_corrected(name: str, wrong: Any) -> None:
     wrong(roots=False)

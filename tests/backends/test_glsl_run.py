@@ -96,6 +96,7 @@ def test_grid_index_and_shape_follow_numpys_axes() -> None:
 # Types
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("size", [1, 2, 3, 4])
 @pytest.mark.parametrize("base", "fiub")
 def test_every_type_goes_in_and_out_exactly(base: str, size: int) -> None:

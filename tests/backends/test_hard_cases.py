@@ -18,7 +18,7 @@ UNARY = sorted(FUNCTIONS)
 TINY = 2.0**-126
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("target", ["numpy", "opencl-1", "opencl-16", "glsl", "interpreter"])
 @pytest.mark.parametrize("name", UNARY)
 def test_hard_cases_are_rounded_correctly(name: str, target: str) -> None:

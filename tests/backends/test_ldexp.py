@@ -67,5 +67,5 @@ def test_strict_functions_of_f64_round_denormals_once(name, ranges):
     rng = np.random.default_rng(6)
     x, y = (rng.uniform(*r, 20_000) for r in (ranges * 2)[:2])
     wanted = of_two.compile("numpy")(x, y)
-    for lanes in LANES:
+    for lanes in (1, 8):
         np.testing.assert_array_equal(of_two.compile("opencl", lanes=lanes)(x, y), wanted)

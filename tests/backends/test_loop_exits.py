@@ -214,7 +214,7 @@ def test_an_exit_may_compare_an_element_of_an_array_that_the_loop_stores_into(ba
     assert filling.compile(backend)(A).tolist() == filling.compile("numpy")(A).tolist() == [1, 4, 5]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("compare", COMPARED)
 def test_a_discard_that_follows_the_step_holds_when_it_should(compare: Callable[[Any, Any], Any]) -> None:
     @sh.program

@@ -202,7 +202,7 @@ def right_or_told(program: sh.Program, n: np.ndarray, limit: int | None, *, stop
     assert np.array_equal(result.outputs[result.written], n[result.written])
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(20)
 @names
 @pytest.mark.parametrize("around", [alone, in_subroutine, nested, beside], ids=lambda a: a.__name__)
 @pytest.mark.parametrize("limit", [None, 1 << 20])
@@ -214,7 +214,7 @@ def test_where_the_device_stops_a_loop_it_is_told(spelling: Body, around: Any, l
         right_or_told(program, n, limit, stops=stops)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @names
 def test_where_the_device_stops_a_loop_of_known_length_it_is_told(spelling: Body) -> None:
     for n in (60_000, 66_000, 200_000):

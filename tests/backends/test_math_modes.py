@@ -129,7 +129,7 @@ def check_strict(name: str, *arrays: Array) -> None:
 @pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", UNARY)
 def test_strict_keeps_its_bound_and_has_the_same_bits_everywhere(name: str) -> None:
-    for x in sweep(4_099):
+    for x in sweep(12_289):
         check_strict(name, x)
 
 
@@ -242,7 +242,7 @@ def check_bound_of_doubles(name: str, results: Array, arrays: tuple[Array, ...])
             assert off <= bound, f"{given}: {found} is {float(off)} ULP off"
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("name", sorted(TRANSCENDENTALS))
 def test_strict_doubles_keep_their_bound_and_have_the_same_bits(name: str) -> None:
     x = doubles(name)
@@ -315,7 +315,7 @@ def test_one_lane_keeps_a_nan_that_the_compiler_derives() -> None:
         return sh.exp(nothing), sh.exp2(nothing), sh.sinh(nothing), sh.tanh(nothing)
 
     x = np.linspace(-3, 5, 1000, dtype=np.float32)
-    for lanes in (1, 4, 8, 16):
+    for lanes in (1, 8):
         first, second = (p.compile("opencl", lanes=lanes, math="relaxed") for p in (sevens, derived))
         assert np.all(np.stack(first(x)) == 7)
         assert np.isnan(np.stack(second(x))).all()

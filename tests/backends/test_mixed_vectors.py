@@ -29,6 +29,7 @@ def outputs(program: sh.Program, backend: str, lanes: int | None, *arrays: Any) 
     return list(found) if isinstance(found, tuple) else [found]
 
 
+@pytest.mark.sampled(2)
 @everywhere
 def test_one_bool_beside_a_vector_of_bools(backend: str, lanes: int | None) -> None:
     @sh.program
@@ -46,6 +47,7 @@ def test_one_bool_beside_a_vector_of_bools(backend: str, lanes: int | None) -> N
         np.testing.assert_array_equal(found, wanted)
 
 
+@pytest.mark.sampled(2)
 @everywhere
 def test_the_least_int_has_no_absolute_value(backend: str, lanes: int | None) -> None:
     @sh.program
@@ -61,6 +63,7 @@ def test_the_least_int_has_no_absolute_value(backend: str, lanes: int | None) ->
         np.testing.assert_array_equal(found, wanted)
 
 
+@pytest.mark.sampled(2)
 @everywhere
 def test_vectors_are_parts_of_vectors(backend: str, lanes: int | None) -> None:
     """Each meets an operation of whole vectors, for which packets put the vectors together again."""
@@ -83,6 +86,7 @@ def test_vectors_are_parts_of_vectors(backend: str, lanes: int | None) -> None:
         np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.sampled(2)
 @everywhere
 def test_a_lane_query_may_pick_what_a_constructor_takes(backend: str, lanes: int | None) -> None:
     """Either index is beyond the table's end, so that the element is the last one at every width."""
@@ -97,6 +101,7 @@ def test_a_lane_query_may_pick_what_a_constructor_takes(backend: str, lanes: int
     np.testing.assert_array_equal(found, np.float32([[9, 4, 1, 1], [9, 16, 8, 16]]))
 
 
+@pytest.mark.sampled(2)
 @everywhere
 def test_repeated_scalars_are_stored_at_places_that_differ(backend: str, lanes: int | None) -> None:
     @sh.program
@@ -112,6 +117,7 @@ def test_repeated_scalars_are_stored_at_places_that_differ(backend: str, lanes: 
     np.testing.assert_array_equal(second, np.float32([[0] * 3, [2] * 3, [0] * 3, [0] * 3, [0] * 3]))
 
 
+@pytest.mark.sampled(2)
 @everywhere
 def test_an_unsigned_index_of_an_array(backend: str, lanes: int | None) -> None:
     """Beyond the range of an int it is beyond the end, not before the start."""
@@ -131,6 +137,7 @@ def test_an_unsigned_index_of_an_array(backend: str, lanes: int | None) -> None:
     np.testing.assert_array_equal(one, np.float32([0, 3, 0, 0, 0, 0]))
 
 
+@pytest.mark.sampled(2)
 @everywhere
 def test_what_is_the_same_for_all_is_stored_while_elements_leave_a_loop(backend: str, lanes: int | None) -> None:
     """The result of a function is the same for all lanes, and the variable that takes it is not."""

@@ -52,7 +52,7 @@ def test_random_programs(seed: int) -> None:
     compare(seed, Sizes())
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("seed", range(40, 60))
 def test_random_programs_as_they_were_recorded(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing promoted, folded or removed: the printer meets dead values, dead code and stores of everything."""

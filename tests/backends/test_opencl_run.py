@@ -43,6 +43,7 @@ def doubled() -> Module:
     return module(b.finish())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("count", [1, 2, 63, 64, 65, 1000, 4096 + 17])
 def test_every_element_and_none_besides_is_written(count: int) -> None:
     x = np.arange(count, dtype=np.float32)

@@ -204,7 +204,7 @@ def test_floats_are_written_in_their_order(expected: str, make: Any) -> None:
     assert expression(make, F, F, F, F) == expected
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("expected", "make"),
     [

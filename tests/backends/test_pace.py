@@ -114,7 +114,7 @@ def test_a_row_is_never_divided():
     assert durations(lambda n: 1.0, 3, 2 * pacing.FIRST) == [2.0 * pacing.FIRST] * 3
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("shape", [(311, 130), (40_430,)])
 @pytest.mark.parametrize(("backend", "lanes"), [("glsl", "auto"), ("opencl", 1), ("opencl", 16)])
 def test_strips_give_what_one_dispatch_gives(backend, lanes, shape, monkeypatch):

@@ -120,6 +120,7 @@ def test_a_reciprocal_root_begins_with_the_processors_estimate(lanes: int, monke
         assert not differs(kernel(x), expected).any()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("lanes", [4, 8, 32])
 def test_a_relaxed_reciprocal_root_is_the_processors_estimate_and_a_step(lanes: int) -> None:
     special = np.float32([0, -0.0, np.inf, -np.inf, np.nan, -1])

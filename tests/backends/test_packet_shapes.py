@@ -38,7 +38,7 @@ def countdown(x: sh.Attrib1f) -> sh.Attrib1f:
     return x
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @each_width
 @pytest.mark.parametrize("shape", [(5, 33), (40, 16), (3, 100), (70, 1), (2, 3, 20), (91,), (3,)])
 def test_lanes_that_stay_together_are_a_row(lanes: int, shape: tuple[int, ...]) -> None:
@@ -51,7 +51,7 @@ def test_lanes_that_stay_together_are_a_row(lanes: int, shape: tuple[int, ...]) 
             same(found, expected)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @each_width
 @pytest.mark.parametrize("shape", [(9, 37), (70, 1), (5, 64), (91,)])
 def test_lanes_that_part_are_a_block(lanes: int, shape: tuple[int, ...]) -> None:
@@ -72,6 +72,7 @@ def kept(x: sh.Attrib1f) -> sh.Attrib1f:
     return sh.cond(x > 1, x * x, 3.0)
 
 
+@pytest.mark.sampled(2)
 @each_width
 def test_a_list_has_no_rows_to_test(lanes: int) -> None:
     text = halved.compile("opencl", lanes=lanes).source
@@ -79,7 +80,7 @@ def test_a_list_has_no_rows_to_test(lanes: int) -> None:
     assert ".whole" not in text
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @each_width
 @pytest.mark.parametrize("program", [halved, kept])
 def test_the_end_of_a_list_is_where_the_array_ends(lanes: int, program: sh.Program) -> None:

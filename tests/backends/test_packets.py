@@ -102,6 +102,7 @@ def plane(*shape: int) -> Array:
     return rng.uniform(-2, 1, (*shape, 2)).astype(np.float32)
 
 
+@pytest.mark.sampled(2)
 @each_width
 @pytest.mark.parametrize("size", SIZES)
 def test_every_size(lanes: int, size: int) -> None:
@@ -114,6 +115,7 @@ def test_every_shape(lanes: int, shape: tuple[int, ...]) -> None:
     same(*both(escape, lanes, plane(*shape)))
 
 
+@pytest.mark.sampled(2)
 @each_width
 def test_nothing_beside_the_outputs_is_written(lanes: int) -> None:
     b = Builder("doubled")
@@ -222,7 +224,7 @@ def check_memory(lanes: int, kinds: str) -> None:
 # Grids, tables, arrays
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @each_width
 @pytest.mark.parametrize("shape", [(50,), (5, 7), (33, 40), (3, 5, 35), (2, 3, 4, 5)])
 def test_each_lane_knows_its_place(lanes: int, shape: tuple[int, ...]) -> None:
@@ -324,7 +326,7 @@ def test_an_array_that_is_the_same_for_all_is_read_at_places_that_differ(lanes: 
 # Lanes
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @each_width
 @pytest.mark.parametrize("shape", [(1,), (5,), (16,), (21,), (5, 7), (3, 21)])
 def test_a_lane_that_holds_no_element_is_never_asked(lanes: int, shape: tuple[int, ...]) -> None:

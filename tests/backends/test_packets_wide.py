@@ -65,8 +65,7 @@ def test_loops_branches_and_exits(lanes: int) -> None:
         same(found, expected)
 
 
-@pytest.mark.sampled(2)
-@each_wide
+@pytest.mark.parametrize("lanes", [32, pytest.param(64, marks=pytest.mark.slow)])
 def test_tails_of_lists_and_rows(lanes: int) -> None:
     if refused(lanes):
         return

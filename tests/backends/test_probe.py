@@ -208,6 +208,7 @@ def test_the_corrected_fma_is_exact() -> None:
     assert not differs(apply(definition("fma", (vec(Base.F),) * 3), a, b, c), wanted).any()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("backend", "lanes"), [("opencl", 1), ("opencl", 8), ("glsl", "auto")])
 def test_fma_is_corrected(backend: str, lanes: Any, wrong: Any) -> None:
     wrong("fma")
@@ -236,6 +237,7 @@ def test_fast_mode_has_an_fma_on_a_device_that_lacks_one(wrong: Any) -> None:
     assert kernel(np.float32(3), np.float32(0.5), np.float32(0.25)) == 1.75
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("backend", "lanes"), [("opencl", 1), ("opencl", 8), ("glsl", "auto")])
 def test_an_int_of_nan_is_corrected(backend: str, lanes: Any, wrong: Any) -> None:
     wrong("convert_nan")
@@ -441,14 +443,14 @@ def test_trials_in_one_kernel_fail_one_by_one():
 def test_zeros_are_hidden_from_a_compiler_that_folds_them(wrong: Any) -> None:
     wrong("zeros")
     hidden = 0
-    for number, case in enumerate(zeros.cases()):
+    for number, case in enumerate(zeros.cases()[::2]):
         lanes = (1, 8)[number % 2]
         kernel = compiled(case.program, "opencl", lanes=lanes, **case.options)
         assert "confuses zeros" in kernel.notes[0]
         hidden += "sh_zero" in kernel.source
         assert not re.search(r"[^\w.]0\.0f", kernel.source), kernel.source
         case.check(case.run(f"opencl-{lanes}"), f"opencl-{lanes}")
-    assert hidden > 10
+    assert hidden > 5
 
 
 def test_a_driver_that_refuses_the_kernel_of_the_probe_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -68,7 +68,7 @@ def discarded(x: sh.Attrib1f) -> sh.Matrix2f:
 PROGRAMS = [scalar, vector, matrix, struct, several, named, nested, discarded]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("shape", [(5,), (3, 2), (1,)], ids=str)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)

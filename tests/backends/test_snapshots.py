@@ -34,7 +34,7 @@ def test_the_ir(name, snapshots):
     snapshots.check(f"programs/{name}.ir", str(tidied).replace(str(FILE.parent) + "/", ""))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_text_for(target, name, snapshots):
@@ -53,7 +53,8 @@ def test_the_text_for_packets(name, snapshots):
 
 
 CONVERSION = next(case.program for case in all_cases() if case.name == "convert-d-h")
-PRINTED = {**PROGRAMS, "conversion": CONVERSION}  # whose packets need several structs of vectors
+PRINTED = {name: PROGRAMS[name] for name in [*PROGRAMS][::2]}
+PRINTED["conversion"] = CONVERSION  # whose packets need several structs of vectors
 PRINTING = """
 import hashlib, sys
 from backends.test_snapshots import PRINTED, texts

@@ -59,10 +59,10 @@ def test_borders(lanes: int, wraps: str) -> None:
             assert np.array_equal(answer, moved(field, shape, by, shape if wraps else None)), (shape, by)
 
 
-@pytest.mark.sampled(24)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("wraps", ["", "grid", "table", "other"])
 @pytest.mark.parametrize("sides", [((6, 150), (6, 150)), ((6, 150), (9, 70)), ((6, 150), (3, 300)), ((1, 1), (5, 64))])
-@pytest.mark.parametrize("lanes", [4, 16, 64])
+@pytest.mark.parametrize("lanes", [4, 16, pytest.param(64, marks=pytest.mark.slow)])
 def test_tables_of_other_sizes_than_the_grid_and_moduli_that_are_not_its_shape(
     lanes: int, sides: tuple[tuple[int, int], tuple[int, int]], wraps: str
 ) -> None:

@@ -9,7 +9,7 @@ from test_uniforms import assert_same, everywhere
 import shpy as sh
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @everywhere
 @pytest.mark.parametrize("compare", [operator.lt, operator.le, operator.gt, operator.ge])
 def test_a_comparison_with_nan_is_false_and_its_opposite_true(options, compare):
@@ -27,7 +27,7 @@ def test_a_comparison_with_nan_is_false_and_its_opposite_true(options, compare):
     assert chosen.compile(**options)(np.ones(3)).tolist() == [3, 3, 3]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @everywhere
 def test_lanes_that_return_one_value_for_all_keep_it_where_the_other_side_returns_by_lane(options):
     always, often = sh.Param(sh.Attrib1b, True, name="always"), sh.Param(sh.Attrib1i, 3, name="often")
@@ -56,7 +56,7 @@ def test_lanes_that_return_one_value_for_all_keep_it_where_the_other_side_return
     assert (found == [3, -1, 0]).all()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @everywhere
 @pytest.mark.parametrize("most", [0, 1, 3])
 def test_a_value_that_varies_at_the_last_of_the_exits_for_all_is_found_behind_each(options, most):

@@ -58,7 +58,7 @@ CASES = {
 }
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("name", "options"),
     [(name, KERNELS[kernel]) for name in CASES for kernel in KERNELS if name == "mixed" or "numpy" in kernel],
@@ -88,6 +88,7 @@ def test_a_dependent_uniform_has_the_bits_that_the_program_computes(name, option
     assert len(seen) > 1
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("math", ["strict", "relaxed", "fast"])
 @pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
 def test_a_dependent_uniform_is_computed_as_the_kernel_is(precision, math):

@@ -54,7 +54,7 @@ def compiled(program: sh.Program, backend: str, **options: Any) -> Kernel:
     return Kernel(program.recorded, backend_named(backend), Options(**options))
 
 
-@pytest.mark.sampled(20)
+@pytest.mark.sampled(40)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 @pytest.mark.parametrize("name", REFUSED)
 def test_functions_are_refused_and_run_in_portable_mode(name: str, backend: str, without_binary64: None) -> None:

@@ -85,6 +85,7 @@ def test_a_loop_reads_a_count_and_no_elements(backend, transfers):
     assert seen["read"] == 0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kernel", [smooth, cool])
 @on_every_backend
 def test_each_assignment_of_memories_is_made_ready_once(backend, kernel, monkeypatch):

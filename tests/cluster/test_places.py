@@ -41,7 +41,7 @@ def one_thread():
         yield
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("chunks", [(20, 31), (3, 10), (1, 31), (20, 1)])
 @pytest.mark.parametrize("size", [1, 3])
 def test_compacted_elements_and_indices_are_those_of_one_stream(chunks, size):
@@ -73,7 +73,7 @@ def test_scattered_values_have_the_bits_of_one_stream(chunks, combine):
         assert found.compute().tobytes() == wanted.tobytes()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("chunks", [(20, 31), (3, 10), (1, 31)])
 @pytest.mark.parametrize("kind", [None, sh.Attrib3f, sh.Attrib1i])
 def test_gathered_elements_have_the_bits_of_one_stream(chunks, kind):

@@ -47,7 +47,7 @@ def test_the_network_sorts_all_zeros_and_ones(count):
         assert found == sorted(bits)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("chunks", [1_000, 777, 130, 90])
 @pytest.mark.parametrize("descending", [False, True])
 @pytest.mark.parametrize("kind", ["f", "d", "h", "i", "u", "b"])

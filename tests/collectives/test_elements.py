@@ -46,7 +46,7 @@ def steps(*shape):
     return Step(rng.choice([0.5, 1.0, 2.0], shape), Part(matrices, np.ones(shape, np.int32)))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("n", [1, 7, 200])
 def test_elements_of_a_named_tuple(target, n):
     given = steps(n)
@@ -68,7 +68,7 @@ def test_elements_of_a_named_tuple(target, n):
     assert np.array_equal(before.scale[1:], np.cumprod(given.scale)[:-1])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 def test_named_tuples_along_an_axis(target):
     given = steps(3, 5)
     rows = sh.reduce(join, sh.Stream(given, Step, target), axis=1)
@@ -76,13 +76,14 @@ def test_named_tuples_along_an_axis(target):
     assert np.array_equal(rows.numpy().scale, np.prod(given.scale, axis=1))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 def test_a_program_that_returns_a_tuple_combines_structs(target):
     x = np.random.default_rng(1).normal(size=50).astype(np.float32)
     found = sh.reduce(widest, sh.Stream({"low": x, "high": x}, Pair, target))
     assert (found.low, found.high) == (x.min(), x.max())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("shape", "axis"), [((0, 3), 1), ((3, 0, 4), 0), ((3, 0, 4), 2), ((2, 0), 0)])
 @pytest.mark.parametrize("element", [sh.Attrib1f, sh.Attrib3f, sh.Attrib1b])
 @pytest.mark.parametrize("name", NAMES)

@@ -57,6 +57,7 @@ def test_unsigned_indices_have_no_sign(moved):
     assert found.numpy().tolist() == [1, 4, 4, 4]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("cls", [sh.Attrib3f, sh.Attrib2i, sh.Attrib4u, sh.Attrib1b, sh.Matrix3f])
 def test_every_type(moved, cls):
     rng = np.random.default_rng(5)

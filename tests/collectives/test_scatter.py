@@ -93,6 +93,7 @@ def test_values_are_folded_in_order(computed):
     check_folds(computed, OFTEN, 3)
 
 
+@pytest.mark.sampled(2)
 def test_many_values_are_folded_in_order(computed):
     check_folds(computed, 2, 4, sizes=(4097, 20_011))
 
@@ -144,7 +145,7 @@ def doubled(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return a + a
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("precision", ["f32", "f64", "f16"])
 def test_sums_are_folded(computed, precision):
     if (computed, precision) == ("glsl", "f64"):

@@ -89,7 +89,7 @@ def test_the_digits_of_devices_with_small_caches_or_stacks(monkeypatch):
     assert_same_bits(own.order(memory, True, None).read(), order_of(bits, True).astype(np.int32))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("cls", "dtype"), [(sh.Attrib1i, np.int32), (sh.Attrib1u, np.uint32), (sh.Attrib1b, np.bool_)])
 def test_ints_and_bools(moved, cls, dtype):
     rng = np.random.default_rng(4)
@@ -112,7 +112,7 @@ def test_bools_of_any_byte_are_equal(moved):
     assert sh.argsort(given, descending=True).numpy().tolist() == [0, 1, 3, 4, 2]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("below", [1, 2, np.int64(2048), 4096, 4097, 2**31])
 def test_keys_below_a_number(moved, below):
     """Keys that are out of range count as the nearest one in range."""
@@ -180,6 +180,7 @@ def test_halves_and_doubles(backend, precision):
     assert_same_bits(sh.argsort(given, descending=True), order_of(held, True).astype(np.int32))
 
 
+@pytest.mark.sampled(2)
 def test_structs_by_a_key(computed):
     rng = np.random.default_rng(6)
     o, t = rng.standard_normal((200, 3)).astype(np.float32), rng.integers(0, 9, 200).astype(np.float32)
@@ -191,6 +192,7 @@ def test_structs_by_a_key(computed):
     assert_same_bits(sh.gather(rays, sh.argsort(rays, key=distance)).numpy().t, np.sort(t))
 
 
+@pytest.mark.sampled(2)
 def test_a_key_may_be_a_bool_and_axes_are_taken_in_c_order(computed):
     x = np.array([[1, -2, 3], [-4, 5, -6]], np.float32)
     assert sh.sort(stream(x, sh.Attrib1f, computed), key=parity).numpy().tolist() == [1, 3, 5, -2, -4, -6]

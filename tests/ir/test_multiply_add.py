@@ -33,7 +33,7 @@ def test_numbers_at_the_edges(dtype):
     agree(a, b, c)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @each_type
 @pytest.mark.parametrize("share", [1, 8])
 def test_sums_that_nearly_cancel_and_middles(dtype, share):

@@ -33,7 +33,7 @@ def test_all_backends_give_the_same_bits(name):
     sh.testing.assert_equivalent(conversion(name), np.concatenate([COLORS, ODD]), backends=covering(turn))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @on_every_backend
 @pytest.mark.parametrize("name", ["hsv", "hsl", "srgb", "xyz", "lab"])
 def test_there_and_back_again(name, backend):

@@ -87,6 +87,7 @@ def differences(f):
     return program
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("value", VALUES)
 @pytest.mark.parametrize("shape", [(4, 6), (5, 7), (1, 1)])
 def test_differences_are_those_of_the_neighbours(value, shape):

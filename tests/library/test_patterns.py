@@ -76,7 +76,7 @@ def test_the_number_of_octaves_may_be_known_at_run_time_only(backend):
     assert np.all(rough.compile(backend)(NEAR[2], 0) == 0)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @on_every_backend
 @in_each_dimension
 def test_cellnoise_is_constant_in_each_cell_and_differs_between_cells(size, backend):

@@ -42,7 +42,7 @@ def run(module: Module, seed: int) -> list[list[Any]]:
     return [[c for output in outputs for c in np.ravel(output)] for outputs, _ in ran]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("seed", range(60))
 def test_random_modules_give_the_same_bits(seed: int) -> None:
     prepared = prepare(random_module(seed), Options(loop_limit=LOOP_LIMIT), TARGET)

@@ -146,7 +146,7 @@ def stencil(t: Image, u: sh.Table[sh.Attrib4f, 2]):
 OFFSETS = (0, 1, -4, 30, -1000, 2**31 - 1, -(2**31))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("target", ["numpy", "opencl-4", "opencl-16", "opencl-1", "glsl"])
 @pytest.mark.parametrize(
     ("shape", "extents"), [((9, 23), (9, 23)), ((40, 33), (7, 90)), ((3, 4), (11, 2)), ((1, 70), (1, 1))]
@@ -222,6 +222,7 @@ def test_boards_that_wrap_around_give_what_they_gave(target, shape, extents):
         assert np.array_equal(around(flat, given[0].ravel(), shape=len(i)), once), (offset, n)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shape", [(200,), (13, 17), (1, 200), (200, 1)])
 @pytest.mark.parametrize("extents", [(5,), (300,), (6, 9), (40, 50), (13, 17)])
 def test_a_tile_anywhere_reads_its_neighbours(shape, extents):

@@ -118,7 +118,7 @@ def test_the_pipeline_keeps_the_meaning(group):
             assert_same(wanted, got, f"{seed} {target.name}")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("group", range(3))
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_other_precisions_keep_the_meaning(group, precision, monkeypatch):

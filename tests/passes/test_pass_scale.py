@@ -59,7 +59,7 @@ def branchy(count):
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize(("make", "count"), [(straight, 1000), (branchy, 500)])
+@pytest.mark.parametrize(("make", "count"), [(straight, 500), (branchy, 250)])
 def test_effort_is_linear(make, count):
     modules = make(count), make(4 * count)
     small, large = (calls(lambda module=module: prepare(module, Options(), Target("any"))) for module in modules)

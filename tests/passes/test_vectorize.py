@@ -85,7 +85,7 @@ class Vectorised:
 
 
 def test_every_condition_is_uniform_afterwards():
-    for seed in range(60):
+    for seed in range(30):
         module = random_module(seed)
         vectors = vectorize(prepare(module, Options(loop_limit=LOOP_LIMIT), VECTOR).module)
         verify(vectors.module)

@@ -42,7 +42,7 @@ def walk(folder: Path, seed: int, count: int) -> None:
 
 
 def test_edits_give_what_a_fresh_process_gives(tmp_path: Path) -> None:
-    walk(tmp_path, 7301, 10)
+    walk(tmp_path, 7301, 6)
 
 
 @pytest.mark.slow

@@ -123,7 +123,7 @@ WORK = {
 }
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("name", WORK)
 def test_twice_the_program_takes_twice_the_steps(name):
     work, n = WORK[name]

@@ -26,6 +26,7 @@ def reader(table):
     return read
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("count", KINDS.values(), ids=KINDS)
 @pytest.mark.parametrize("type_", [sh.Attrib1f, sh.Attrib3f, sh.Attrib4f, sh.Attrib2i])
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -251,13 +251,14 @@ def test_every_check_of_bits_has_a_hash() -> None:
     assert sorted(golden()["pictures"]) == sorted(pictures.SCENES)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", functions.SWEPT)
 def test_the_hash_of_a_sweep_is_that_of_numpy(name: str) -> None:
     finding = results(functions.sweep_of(name), DeviceChoice("numpy"))
     assert digest(finding) == golden()["functions"][name], "run scripts/golden"
 
 
-@pytest.mark.sampled(24)
+@pytest.mark.sampled(48)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("name", functions.PORTABLE)
 def test_the_bits_of_portable_mode_do_not_change(name: str, backend: str) -> None:
