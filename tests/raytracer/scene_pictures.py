@@ -8,7 +8,7 @@ from raytracer import Camera, DirectionalLight, Material, MetallicRoughness, Poi
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 BACKENDS = ["numpy", "opencl", "glsl"]
-SIZE = (40, 30)
+SIZE = (24, 18)
 CAMERA = Camera((0, 2, 5), (0, 0.3, 0), fov=30)
 """The eye before a ball or two on a floor."""
 LIGHTS = (PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5)))

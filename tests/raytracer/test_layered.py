@@ -311,15 +311,15 @@ def test_pictures_and_the_command(tmp_path):
     """Exact where hits are, by the command and by a cube; the features say so."""
     scene = Scene.builtin("boxes")
     path = tmp_path / "boxes.npy"
-    command = ["render", "boxes", "--size", "24x18", "--backend", "numpy", "--accel", "ldc:64:triangle"]
+    command = ["render", "boxes", "--size", "24x18", "--backend", "numpy", "--accel", "ldc:16:triangle"]
     assert cli.main([*command, "-o", str(path)]) == 0
     exact = render(scene, (24, 18), backend="numpy")
     np.testing.assert_array_equal(np.load(path)["pixels"], exact.pixels)
-    cube = LayeredCube.of(scene, 64, backend="numpy", hit="triangle")
+    cube = LayeredCube.of(scene, 16, backend="numpy", hit="triangle")
     image = render(scene, (24, 18), backend="numpy", accel="ldc", secondary=cube)
     np.testing.assert_array_equal(image.pixels, exact.pixels)
     np.testing.assert_array_equal(image.depth, exact.depth)
-    assert image.stats.features["layered cube"] == 64
+    assert image.stats.features["layered cube"] == 16
 
 
 @pytest.mark.slow

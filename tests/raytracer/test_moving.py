@@ -92,7 +92,7 @@ def test_moved_objects_are_where_a_new_scene_has_them(backend, options, moves):
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_deformed_objects_look_as_a_new_scene_has_them(backend):
     made = scene()
-    renderer = Renderer(made, backend=backend)
+    renderer = Renderer(made, backend=backend, bounces=1)
     ball, stone = made.meshes[0], made.meshes[2]
     for step in range(1, 4):
         wavy = ball.vertices + 0.1 * step * np.sin(4 * ball.vertices[:, [1, 2, 0]])
@@ -104,7 +104,7 @@ def test_deformed_objects_look_as_a_new_scene_has_them(backend):
             "ball": dataclasses.replace(ball, vertices=wavy).smoothed().transformed(MOVES["turned"]),
             "stone": dataclasses.replace(stone, vertices=spiky),
         }
-        same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend=backend).render(SIZE))
+        same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend=backend, bounces=1).render(SIZE))
     assert renderer.builds == 2
 
 
@@ -115,7 +115,7 @@ def test_what_stays_is_neither_built_nor_sent_again(monkeypatch):
             *(named(torus(0.2, 0.1, segments=12, sides=8).moved((k, 2, -1)), "ring") for k in range(9)),
         ]
     )
-    renderer = Renderer(made, backend="numpy")
+    renderer = Renderer(made, backend="numpy", bounces=1)
     renderer.move("ball", turned(10))
     renderer.render(SIZE)
     built, sent = [], []
@@ -145,7 +145,7 @@ def test_what_stays_is_neither_built_nor_sent_again(monkeypatch):
 
 
 def test_the_scene_is_the_one_that_is_shown():
-    renderer = Renderer(scene(), backend="numpy")
+    renderer = Renderer(scene(), backend="numpy", bounces=1)
     before = renderer.scene.meshes[0].vertices
     renderer.move("ball", turned(90, (0, 1, 0)))
     renderer.render((4, 4))
@@ -177,13 +177,13 @@ def test_lights_that_move_are_sent_and_nothing_is_built(backend, options):
 
 def test_a_mesh_of_other_faces_is_shown_without_building_all():
     made = scene()
-    renderer = Renderer(made, backend="numpy")
+    renderer = Renderer(made, backend="numpy", bounces=1)
     cube = made.meshes[1]
     for turns in (1, 2):
         other = dataclasses.replace(cube, faces=np.roll(cube.faces, turns, axis=0))
         shown = from_scratch(made, {"box": other.moved((0, 0.1 * turns, 0))})
         renderer.show(shown)
-        same(renderer.render(SIZE), Renderer(shown, backend="numpy").render(SIZE))
+        same(renderer.render(SIZE), Renderer(shown, backend="numpy", bounces=1).render(SIZE))
     assert renderer.builds == 2  # the first time, the box gets a hierarchy of its own
 
 
@@ -191,16 +191,17 @@ def test_arrays_that_are_changed_in_place_are_shown_as_they_are_now():
     made = scene()
     stone = made.meshes[2]
     places, transform = stone.vertices.copy(), np.eye(4)
-    renderer = Renderer(from_scratch(made, {"stone": dataclasses.replace(stone, vertices=places)}), backend="numpy")
+    first = from_scratch(made, {"stone": dataclasses.replace(stone, vertices=places)})
+    renderer = Renderer(first, backend="numpy", bounces=1)
     renderer.render(SIZE)
     places += (0.2, 0.4, 0)
     shown = from_scratch(made, {"stone": dataclasses.replace(stone, vertices=places)})
     renderer.show(shown)
-    same(renderer.render(SIZE), Renderer(shown, backend="numpy").render(SIZE))
+    same(renderer.render(SIZE), Renderer(shown, backend="numpy", bounces=1).render(SIZE))
     renderer.move("stone", transform)
     transform[1, 3] = 3  # the next move may be made ready in the same array
     renderer.deform("stone", places)
-    same(renderer.render(SIZE), Renderer(shown, backend="numpy").render(SIZE))
+    same(renderer.render(SIZE), Renderer(shown, backend="numpy", bounces=1).render(SIZE))
 
 
 def test_a_scene_that_cannot_be_built_leaves_the_one_before():
@@ -215,7 +216,7 @@ def test_a_scene_that_cannot_be_built_leaves_the_one_before():
 
 def test_a_picture_that_fails_on_the_way_is_drawn_the_next_time(monkeypatch):
     made = scene()
-    renderer = Renderer(made, backend="numpy")
+    renderer = Renderer(made, backend="numpy", bounces=1)
     renderer.render((8, 6))
     renderer.move("ball", turned(30))
 
@@ -227,19 +228,19 @@ def test_a_picture_that_fails_on_the_way_is_drawn_the_next_time(monkeypatch):
         with pytest.raises(MemoryError):
             renderer.render((8, 6))
     there = {"ball": made.meshes[0].transformed(turned(30))}
-    same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend="numpy").render(SIZE))
+    same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend="numpy", bounces=1).render(SIZE))
 
 
 @pytest.mark.slow
 def test_a_scene_that_grows_beyond_its_scale_is_built_anew():
     made = scene()
-    renderer = Renderer(made, backend="numpy")
+    renderer = Renderer(made, backend="numpy", bounces=1)
     renderer.move("ball", turned(10))
     renderer.render((8, 6))
     for offset, builds in [((30, 0, 0), 3), ((1e6, 1e6, 0), 4), ((0, 0, 0), 5)]:
         renderer.move("ball", turned(0, offset))
         there = {"ball": made.meshes[0].transformed(turned(0, offset))}
-        same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend="numpy").render(SIZE))
+        same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend="numpy", bounces=1).render(SIZE))
         assert renderer.builds == builds
 
 
@@ -269,21 +270,21 @@ def test_a_lamp_moves_and_vanishes(backend, first):
 def test_all_objects_may_move_and_any_number_of_them():
     many = [named(box((0.3, 0.3, 0.3)), f"box {k}") for k in range(13)]
     made = scene(meshes=many)
-    renderer = Renderer(made, backend="numpy")
+    renderer = Renderer(made, backend="numpy", bounces=1)
     for step in range(3):
         matrices = [turned(10 * step + k, (k % 4 - 2, (k * step) % 5 / 2, k % 3 - 1)) for k in range(13)]
         for k, matrix in enumerate(matrices):
             renderer.move(k, matrix)
         there = [Instance(mesh, matrix) for mesh, matrix in zip(many, matrices, strict=True)]
-        same(renderer.render(SIZE), Renderer(scene(meshes=there), backend="numpy").render(SIZE))
+        same(renderer.render(SIZE), Renderer(scene(meshes=there), backend="numpy", bounces=1).render(SIZE))
 
 
 def test_meshes_of_one_name_move_together():
     made = scene(meshes=[*scene().meshes, named(box((0.3, 0.3, 0.3)).moved((0, 2, 0)), "stone")])
-    renderer = Renderer(made, backend="numpy")
+    renderer = Renderer(made, backend="numpy", bounces=1)
     renderer.move("stone", turned(20, (0.2, 0.2, 0)))
     there = [mesh.transformed(turned(20, (0.2, 0.2, 0))) if mesh.name == "stone" else mesh for mesh in made.meshes]
-    expected = Renderer(dataclasses.replace(made, meshes=there), backend="numpy")
+    expected = Renderer(dataclasses.replace(made, meshes=there), backend="numpy", bounces=1)
     same(renderer.render(SIZE), expected.render(SIZE))
     with pytest.raises(SceneError, match=r"2 meshes 'stone'.*number, 2, 4"):
         renderer.deform("stone", made.meshes[2].vertices)
@@ -298,7 +299,7 @@ def test_a_mesh_that_is_missing_is_told_with_the_first_of_many_names():
 
 
 def test_mistakes_are_refused_and_change_nothing():
-    renderer = Renderer(scene(), backend="numpy")
+    renderer = Renderer(scene(), backend="numpy", bounces=1)
     before = renderer.render((8, 6))
     vertices = renderer.scene.meshes[0].vertices
     for call, what in [

@@ -95,25 +95,25 @@ def test_paths_and_deformed_objects_beside_a_grid(built):
 
 
 def test_scenes_that_are_shown_one_after_the_other_keep_the_grid(built):
-    renderer = Renderer(scene(), accel="grid", backend="numpy")
+    renderer = Renderer(scene(), accel="grid", backend="numpy", bounces=1)
     for angle in (0.2, 0.4):
         shown = scene(stone=turned(angle, (0, angle, 0)))
         renderer.show(shown)
-        same(renderer.render(SIZE), Renderer(shown, backend="numpy").render(SIZE))
+        same(renderer.render(SIZE), Renderer(shown, backend="numpy", bounces=1).render(SIZE))
     assert renderer.builds == 2
     assert built == [2 + len(scene().meshes[1]) + 12]
 
 
 def test_everything_may_move():
-    renderer = Renderer(scene(), accel="grid", backend="numpy")
+    renderer = Renderer(scene(), accel="grid", backend="numpy", bounces=1)
     places = {name: turned(0.2 * k, (0.1 * k, 0, 0)) for k, name in enumerate(("ground", "ball", "box", "stone"))}
     for name, matrix in places.items():
         renderer.move(name, matrix)
-    same(renderer.render(SIZE), Renderer(scene(**places), backend="numpy").render(SIZE))
+    same(renderer.render(SIZE), Renderer(scene(**places), backend="numpy", bounces=1).render(SIZE))
 
 
 def test_a_staged_scene_in_which_nothing_moves_has_no_stage_for_objects():
-    still, moved = (Renderer(scene(), tracer="staged", backend="numpy") for _ in range(2))
+    still, moved = (Renderer(scene(), tracer="staged", backend="numpy", bounces=1) for _ in range(2))
     moved.move("ball", turned(0.1))
     for renderer in (still, moved):
         renderer.render((8, 6))
