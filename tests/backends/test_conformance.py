@@ -68,7 +68,7 @@ def test_every_operation_is_in_the_list() -> None:
     assert found == set(OPS) | set(STRUCTURAL) - MADE_BY_PASSES
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(5)
 @each([case for case in STRUCTURED if case not in PRODUCTS])
 def test_targets_agree_with_the_interpreter(case: Case) -> None:
     """Run a case on all targets but OpenCL, which the next tests run; how many are in a tile of numpy does not matter.
@@ -83,13 +83,13 @@ def test_targets_agree_with_the_interpreter(case: Case) -> None:
         is_expected(case)
 
 
-@pytest.mark.sampled(9)
+@pytest.mark.sampled(12)
 @each(PRODUCTS)
 def test_targets_agree_on_forms_in_forms_and_on_types(case: Case) -> None:
     test_targets_agree_with_the_interpreter(case)
 
 
-@pytest.mark.sampled(14)
+@pytest.mark.sampled(20)
 @each(operations.ROWS)
 def test_targets_agree_with_the_meaning_of_an_operation(case: Case) -> None:
     """The reference is the row's meaning: the interpreter runs half of the rows as recorded, the others as prepared."""
@@ -121,7 +121,7 @@ def test_opencl_agrees_on_the_other_exits_and_types(case: Case) -> None:
     agree(case, "opencl")
 
 
-@pytest.mark.sampled(20)
+@pytest.mark.sampled(24)
 @each([case for case in STRUCTURED if case not in SELDOM])
 def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
     """Each case takes one of the widths: the elements in a packet are independent.

@@ -1,6 +1,6 @@
 """Generated programs agree on the interpreter, before and after the passes, on numpy, OpenCL and GLSL, bit by bit.
 
-20 in every run, each on one width of OpenCL and on GLSL.
+16 in every run, each on one width of OpenCL and on GLSL.
 460 more, and 6,300 on all of these, are `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or
 f16, where the interpreter is the reference. A failure prints the program as text that a person can run, the element and
 both answers.
@@ -26,7 +26,7 @@ from shpy.testing.generated.syntax import Block, Do, Exit, For, If, Tree, While
 INPUTS = elements(24)
 RUN = 10
 """Programs of one run of Hypothesis. From the eleventh on it repeats parts of earlier ones, five times each."""
-FEW = 5
+FEW = 4
 """Programs of one run of Hypothesis in every run of the tests."""
 PARTS = range(2)
 """Runs of a shard."""
