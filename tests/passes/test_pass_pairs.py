@@ -52,7 +52,6 @@ def agrees(base: Base, make: Callable[[Builder, Value], Value]) -> bool:
     return True
 
 
-@pytest.mark.sampled(2)
 @pytest.mark.parametrize("base", EDGES, ids=str)
 def test_an_operation_after_another(base):
     ops = UNARY[base]
