@@ -94,7 +94,10 @@ _NAMES: Final = {repr(t): t for t in _TYPES.values()}
 
 def vec(base: Base | str, size: int = 1) -> Type:
     """Return the type of `size` components (1 to 4, or 8) of `base`; KeyError for any other size."""
-    return _TYPES[Base(base), size]
+    try:
+        return _TYPES[base, size]  # type: ignore[index]  # a Base is a str, and making one costs most
+    except KeyError:
+        return _TYPES[Base(base), size]
 
 
 def type_named(name: str) -> Type | None:

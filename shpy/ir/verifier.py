@@ -310,9 +310,12 @@ class _FunctionCheck:
         for statement in region:
             self.anchor = ("statement", self.parent.statements)
             self.parent.statements += 1
-            self.loc = _loc(statement) or self.loc
+            self.loc = (statement.value.loc if isinstance(statement, Let) else statement.loc) or self.loc
             if ended is not None:
                 self.fail(f"this is never reached: {type(ended).__name__.lower()} is the last of its region")
+            if isinstance(statement, Let) and not self.function.pure:  # nearly always
+                self.check_let(statement)
+                continue
             self.check_statement(statement)
             if isinstance(statement, EXITS):
                 ended = statement
@@ -409,7 +412,10 @@ class _FunctionCheck:
     # Statements
 
     def check_let(self, let: Let) -> None:
-        args = tuple(map(self.see, let.args))
+        try:
+            args = tuple(map(self.visible.__getitem__, let.args))
+        except KeyError:
+            args = tuple(map(self.see, let.args))  # fails
         try:
             if let.op in STRUCTURAL:
                 expected = structural_type(let, args, self.scope)
@@ -492,7 +498,3 @@ class _FunctionCheck:
 
 def _shape(slot: Variable) -> str:
     return f"{slot.type!r}" if slot.length is None else f"{slot.type!r}[{slot.length}]"
-
-
-def _loc(statement: Stmt) -> Loc | None:
-    return statement.value.loc if isinstance(statement, Let) else statement.loc

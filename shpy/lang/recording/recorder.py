@@ -102,8 +102,7 @@ class Frame:
         """Record a statement in the open region; an error after an exit."""
         scope = self.scopes[-1]
         statements = scope.statements
-        if statements and isinstance(statements[-1], EXITS):
-            exit = statements[-1]
+        if statements and isinstance(exit := statements[-1], EXITS):
             raise RecordError(
                 f"this can never run: the block was left at {exit.loc}",
                 loc=here(),
@@ -125,9 +124,10 @@ class Frame:
     def let(self, op: str, args: tuple[int, ...], type: Type | None, attr: Attr = None, loc: Loc | None = None) -> int:
         """Record `op(args)`; return the value's id."""
         assert type is not None
-        value = self.new_value(type, None, loc if loc is not None else here())
-        self.append(Let(value, op, args, attr))
-        return value.id
+        id = self._values
+        self._values = id + 1
+        self.append(Let(Value(id, type, None, loc if loc is not None else here()), op, args, attr))
+        return id
 
     def call(self, function: Function, args: tuple[int, ...], names: bool = False) -> list[int]:
         """Record a call of `function`; return the ids of its results, with the `names` of its outputs if asked for."""
@@ -292,18 +292,24 @@ def _assign_names(declared: dict[str, Any]) -> dict[str, str]:
     return names
 
 
-_local = threading.local()
+class _Local(threading.local):
+    """The recording under way in a thread."""
+
+    recording: Recording | None = None
+
+
+_local = _Local()
 
 
 def current() -> Recording | None:
     """Return the recording under way in this thread, or None."""
-    return getattr(_local, "recording", None)
+    return _local.recording
 
 
 def current_frame() -> Frame | None:
     """Return the function being recorded in this thread, or None."""
-    recording = current()
-    return recording.frame if recording is not None else None
+    recording = _local.recording
+    return recording.frames[-1] if recording is not None else None
 
 
 def is_recording() -> bool:
