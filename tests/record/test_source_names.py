@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import linecache
+import os
+import py_compile
+from pathlib import Path
 
+import pytest
 from source_text import made
 
 from shpy.ir.nodes import Loc
+from shpy.lang.recording import text as texts
 from shpy.lang.recording.location import loc_in
 from shpy.lang.recording.names import for_name, name_for
 from shpy.lang.recording.text import text_of
@@ -70,3 +75,37 @@ def test_no_name_without_text() -> None:
     assert text_of(other) is None
     assert name_for(loc_in(other, 2)) is None
     assert name_for(loc_in(code, 2)) == "x"
+
+
+@pytest.mark.parametrize("change", ["none", "length", "time", "bytecode", "user's"])
+def test_bytecode_that_python_keeps_stands_for_the_text_of_the_product(
+    change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "kernel.py"
+    path.write_text("def f(x):\n    y = x + 1\n    return y\n")
+    bytecode = Path(str(py_compile.compile(str(path), doraise=True)))
+    module: dict[str, object] = {}
+    exec(compile(path.read_text(), str(path), "exec", dont_inherit=True), module)
+    code = module["f"].__code__  # type: ignore[attr-defined]
+    if change == "length":
+        path.write_text(path.read_text() + "\n")
+    elif change == "time":
+        os.utime(path, (1, 1))
+    elif change == "bytecode":
+        bytecode.write_bytes(bytecode.read_bytes()[:40])
+    if change != "user's":
+        monkeypatch.setattr(texts, "_PRODUCT", (str(tmp_path),))
+    compiled: list[int] = []
+    own = texts.Text._compiled
+
+    def counted(text: texts.Text, flags: int) -> texts.Codes:
+        compiled.append(flags)
+        return own(text, flags)
+
+    monkeypatch.setattr(texts.Text, "_compiled", counted)
+    text = text_of(code)
+    assert text is not None
+    assert text.line(2).strip() == "y = x + 1"
+    assert bool(compiled) == (change != "none")
+    assert name_for(loc_in(code, 2)) == "y"
+    assert text_of(code.replace(co_consts=(None, 2))) is None
