@@ -52,7 +52,7 @@ NEAR = ((0, 0), (-1, 0), (1, 1), (0, -17), (2, 3))
 def test_borders(lanes: int, wraps: str) -> None:
     compiled = stencil(NEAR, wraps).compile("opencl", lanes=lanes)
     assert SYMBOL in compiled.source
-    for shape in SIDES:
+    for shape in (*SIDES, (37, lanes)):  # the last one has a packet in each line
         field = RNG.random(shape, np.float32)
         answers = compiled(field, (1, 1), shape=shape)
         for by, answer in zip(NEAR, answers, strict=True):
@@ -119,11 +119,14 @@ def single(a: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
 
 @pytest.mark.sampled(12)
 @pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
+@pytest.mark.parametrize("columns", [140, 1])
 @pytest.mark.parametrize("lanes", [4, 16, 64])
-def test_types_several_tables_discards_and_loops_give_the_bits_of_numpy(lanes: int, precision: Any) -> None:
-    shape = (9, 140)
+def test_types_several_tables_discards_and_loops_give_the_bits_of_numpy(
+    lanes: int, columns: int, precision: Any
+) -> None:
+    shape = (9, columns) if columns > 1 else (37, lanes)
     x = RNG.random(shape).astype({"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision])
-    a, b = RNG.integers(-9, 9, (8, 150), np.int32), RNG.random((9, 140)) < 0.5
+    a, b = RNG.integers(-9, 9, (8, 150), np.int32), RNG.random(shape) < 0.5
     for program, arguments in ((two, (a, b, x)), (guarded, (x,)), (single, (x,))):
         runs = [
             program.compile(backend, precision=precision, **options).run(*arguments, shape=shape)

@@ -143,11 +143,13 @@ class PacketPrologue(Prologue):
     A packet has `columns` neighbouring elements in each row. If `listed`, it holds consecutive elements of a list.
     """
 
-    def __init__(self, lanes: int, abilities: Abilities, columns: int = QUAD, *, listed: bool = False) -> None:
+    def __init__(
+        self, lanes: int, abilities: Abilities, columns: int = QUAD, *, listed: bool = False, apart: bool = False
+    ) -> None:
         super().__init__()
         self.lanes = lanes
         self.abilities = abilities
-        self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed)
+        self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed, apart)
 
     def any_lane(self) -> str:
         """Add the function that tells whether any lane is set; return its name."""

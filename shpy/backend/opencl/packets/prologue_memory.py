@@ -93,13 +93,14 @@ class PacketMemory:
     """The writer of functions for packets of `lanes`; `shuffle`: the compiler has `__builtin_shufflevector`.
 
     A packet has `columns` neighbouring elements in each row: four for a block of the grid, else all. If `listed`, it
-    holds consecutive elements of a list.
+    holds consecutive elements of a list. If `apart`, the kernel finds the packets of arrays that are one packet wide.
     """
 
     lanes: int
     shuffle: bool
     columns: int
     listed: bool = False
+    apart: bool = False
 
     def packet(self) -> str:
         """Return `sh_packet` and the functions that make the packet of a work item."""
@@ -131,6 +132,7 @@ typedef struct {{
         by_rows = f" * {rows}" if rows > 1 else ""
         moved_i, moved_j = ("(first + i)", "(first + j)") if rows > 1 else ("first + i", "first + j")
         below, line = (f" + row * (int{lanes})({lines})", f"y + (int{lanes})({lines})") if rows > 1 else ("", "y")
+        alone = "" if self.apart else f"row == {wide} ? (int2)(0, {moved_i}{by_rows}) : "
         last = {1: "", 2: "row + "}.get(rows, f"{rows - 1} * row + ")
         return f"""\
 // The elements of a packet: {rows} row{"s" if rows > 1 else ""} of {wide} in an array that is `row` wide.
@@ -149,7 +151,7 @@ typedef struct {{
 // The column and line at which this work item's packet begins. The dispatch begins with packet, or line, `first`.
 {INLINE} int2 sh_corner(int first, int row) {{
     int i = get_global_id(0), j = get_global_id(1);
-    return row == {wide} ? (int2)(0, {moved_i}{by_rows}) : (int2)(i * {wide}, {moved_j}{by_rows});
+    return {alone}(int2)(i * {wide}, {moved_j}{by_rows});
 }}
 
 // The packet that begins there; the last one of a row, and the last row, may hold fewer elements.

@@ -248,8 +248,14 @@ class KernelMaker(ClUnit):
         else:
             body.statements()
         self.write_outputs(body, operations)
-        self.speller.function(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
+        self.add_kernel_function(
+            tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",))
+        )
         return tuple(at for at, _ in read)
+
+    def add_kernel_function(self, kernel: tree.Function) -> None:
+        """Add the function that the host calls."""
+        self.speller.function(kernel)
 
     def call_entry(self, body: Body, operations: ClOperations, inner: str) -> None:
         """Emit the call of the entry's function, and bind its results to the slots of the outputs."""
