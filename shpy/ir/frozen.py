@@ -1,8 +1,8 @@
 """Dataclasses of which type checkers, and nothing at run time, see that no field is assigned again.
 
-Stage: represent. A compilation makes a hundred thousand nodes. A class with `dataclass(frozen=True, slots=True)` sets
-each field by a call, and takes four times as long to make an object as one that is not frozen (0.8 and 0.2 us, CPython
-3.11).
+Stage: represent. The compilation of a picture makes some ten thousand nodes. CPython 3.11 sets each field of a frozen
+object by a call, which takes four times as long as without it: pictures compile for numpy in 0.965 of the time. This
+module can go when frozen objects are made as fast.
 
     @dataclass(frozen=True, slots=True)
     class Break:
