@@ -307,7 +307,7 @@ class PacketMaker(KernelMaker):
     # Functions
 
     def qualifiers(self, function: Function) -> tuple[str, ...]:
-        """Return what stands before a function: the entry's own is inlined where a function for borders calls it, too."""
+        """Return what stands before a function: the entry's own is inlined, where borders have a function, too."""
         if self.around and function is self.module.entry:
             return (INLINE,)
         return (NOINLINE,) if _is_large(function) else super().qualifiers(function)
