@@ -17,7 +17,8 @@ from raytracer.errors import SceneError
 
 def array_of(what: str, values: Any) -> NDArray[Any]:
     """Return an array of any type; SceneError for rows of different lengths, and for a masked array."""
-    if isinstance(values, np.ma.MaskedArray):
+    # numpy imports np.ma when it is first named, which takes 12 ms: plain arrays and lists need not wait for it.
+    if type(values) is not np.ndarray and isinstance(values, np.ndarray) and isinstance(values, np.ma.MaskedArray):
         raise SceneError(f"{what} are real numbers, not a masked array")
     try:
         return np.asarray(values)

@@ -29,7 +29,11 @@ def test_names_that_are_loaded_on_first_use_are_listed(package):
     assert all(getattr(package, name).__module__.startswith(package.__name__) for name in package._LATER)
 
 
-def test_streams_reach_collectives_without_another_import():
-    text = "import numpy as np, shpy as sh; print(sh.Stream(np.float32([1, 2, 4]), sh.Attrib1f, 'numpy').sum())"
+def test_streams_reach_collectives_without_another_import_and_plain_arrays_need_no_masked_ones():
+    text = (
+        "import sys, numpy as np, shpy as sh; from raytracer.arrays import numbers; "
+        "print(sh.Stream(np.float32([1, 2, 4]), sh.Attrib1f, 'numpy').sum(), *numbers('n', [[0, 1]]).ravel(), "
+        "'numpy.ma' in sys.modules)"
+    )
     ended = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=HANGING, check=True)
-    assert ended.stdout == "7.0\n"
+    assert ended.stdout == "7.0 0.0 1.0 False\n"

@@ -39,7 +39,9 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
             cure="sh.map_blocks(kernel, x), or x.compute() where it fits",
         )
     array = as_array(data, what)
-    if isinstance(data, np.ma.MaskedArray) and np.ma.is_masked(data):
+    # numpy imports np.ma when it is first named, which takes 12 ms: plain arrays and lists need not wait for it.
+    extended = isinstance(data, np.ndarray) and type(data) is not np.ndarray
+    if extended and isinstance(data, np.ma.MaskedArray) and np.ma.is_masked(data):
         raise ShpyTypeError(
             f"{what} is a masked array, and a kernel runs over every element",
             loc=here(),
