@@ -75,7 +75,8 @@ def widths(program: sh.Program, native: int, precision: Any = "f32", most_privat
 @pytest.mark.parametrize("native", [4, 8, 16])
 def test_values_take_as_many_registers_as_there_are_for_what_a_loop_carries(native: int) -> None:
     registers = {program: widths(carrying(program), native)[0] // native for program in (3, 8, 9, 16, 17, 40)}
-    assert registers == {3: 4, 8: 4, 9: 2, 16: 2, 17: 1, 40: 1}
+    as_many = {3: 4, 8: 4, 9: 2, 16: 2, 17: 1, 40: 1} if native == 16 else {3: 4, 8: 2, 9: 1, 16: 1, 17: 1, 40: 1}
+    assert registers == as_many
     beside = min(4 * native, 32)
     assert widths(straight, native) == (4 * native, beside)
     assert widths(long, native) == (2 * native, 2 * native)

@@ -57,13 +57,15 @@ _MOST_STATEMENTS: Final = 1 << 26
 _FLUSHED: Final = "in {} mode this device flushes denormals to zero"
 """The note for a driver that does not promise denormals: its functions flush them, even if its products do not."""
 _GROUPED: Final = "local arrays of {:,} bytes: groups of {}, not {}"
+_LANES_OF_AVX512: Final = 16
 _REGISTERS: Final = 32
-"""The vector registers that the numbers which a loop carries may fill.
+"""The vector registers that the numbers which a loop carries may fill; half as many where registers are shorter.
 
 CPU milliseconds at 16, 32 and 64 lanes on AVX-512, whose registers hold 16 (PoCL 3.1, least of 8 rounds in
 alternation): a polynomial, which has no loop, 7.4, 5.7, 4.2, and a shader 18.9, 14.6, 11.6; mandelbrot, whose loop
 carries 5 numbers, 20.7, 16.3, 15.8; spheres, with 14 numbers, 11.7, 11.9, 13.3. At 16 and 32 lanes, pictures whose
 loops carry 56 numbers and more: `mixed` 68 and 91, `glass` 169 and 180, `cornell`, path traced, 97 and 104.
+On AVX2, which has 16 registers, mandelbrot takes 23.8 at 16 lanes and 26.5 at 32, and spheres 26.4 at 8 and 28.3 at 16.
 """
 _MOST_EACH: Final = 4
 """The most registers of a value."""
@@ -255,7 +257,8 @@ def widths_of(machine: Machine, module: Module, precision: Precision) -> tuple[i
     register = machine.lanes // doubled
     statements = [(f, s) for f in module.functions for s in walk(f.body)]
     loops = [_carried(f, s) for f, s in statements if isinstance(s, Loop)]
-    most = min(_MOST_EACH, _REGISTERS // max(loops, default=1) or 1) * register
+    registers = _REGISTERS if machine.lanes == _LANES_OF_AVX512 else _REGISTERS // 2
+    most = min(_MOST_EACH, registers // max(loops, default=1) or 1) * register
     beside = min(most, max(_MOST_OF_LARGE * register, _NEIGHBOURS // doubled))
     read = sum(s.value.type.size for _, s in statements if isinstance(s, Let) and s.op == "table")
     if len(statements) > _LARGE or (read >= _GATHERED and not loops):
