@@ -1,6 +1,6 @@
 """The output tree: the content of a target's text, before it is spelled.
 
-Stage: emit. `structure` makes it from prepared IR, a speller prints it. Nodes are immutable and compare by value, so a
+Stage: emit. `structure` makes it from prepared IR, a speller prints it. Nodes never change and compare by value, so a
 decision looks at nodes, never at text.
 
 >>> from shpy.ir.types import vec
