@@ -147,10 +147,10 @@ def test_components_and_branches_are_reduced_each_by_itself() -> None:
     turn = np.float32(7e20)  # the same for all lanes
     tested = sh.program(in_a_program)
     sh.testing.assert_equivalent(tested, v, turn, backends=covering(0))
-    found = tested.compile("opencl", lanes=1)(v, turn)
+    angles = tested.compile("opencl", lanes=1)(v, turn)
     wide = v.astype(np.float64)
     left = np.column_stack([v[:, 0], np.sin(wide[:, 1:]) + np.tan(np.float64(turn))])
-    np.testing.assert_allclose(found, np.where(v[:, :1] > 0, left, np.cos(wide)), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(angles, np.where(v[:, :1] > 0, left, np.cos(wide)), rtol=1e-5, atol=1e-6)
 
 
 def test_columns_of_digits_are_exact() -> None:

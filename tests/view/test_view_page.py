@@ -213,7 +213,7 @@ def each_value_of_a_trace_has_a_line_of_its_own(page):
 
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize(
-    ("wrong", "said", "line"),
+    ("wrong", "cause", "line"),
     [
         ("level = gain *", "invalid syntax", 10),
         ("level = gain if uv.x else 0", "is decided while recording", 10),
@@ -221,11 +221,11 @@ def each_value_of_a_trace_has_a_line_of_its_own(page):
         ("level = sh.Attrib1f(gain).nothing", "nothing", 10),
     ],
 )
-def test_an_error_shows_with_its_line_and_the_last_good_picture_stays(page, view, wrong, said, line):
+def test_an_error_shows_with_its_line_and_the_last_good_picture_stays(page, view, wrong, cause, line):
     view.save(GOOD.format(gain=1).replace("level = gain * sh.Attrib1f(0.5)", wrong))
     page.wait_for_selector("#problem:not([hidden])")
     text = page.inner_text("#problem")
-    assert said in text
+    assert cause in text
     assert f"shader.py:{line}" in text
     assert wrong in page.inner_text("#problem .here")
     shows(page, (135, 68, 0))
