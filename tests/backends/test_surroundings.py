@@ -14,8 +14,8 @@ from shpy.testing.arrays import flat_leaves
 
 RNG = np.random.default_rng(5)
 LANES = (4, 8, 16, 32, 64)
-SIDES = ((1, 1), (3, 64), (5, 63), (2, 65), (7, 128), (4, 131), (65, 200))
-"""Grids with packets at all borders, in the middle, and in part beyond the end of a row."""
+SIDES = ((1, 1), (3, 64), (5, 63), (2, 65), (7, 128), (4, 131), (65, 200), (3, 1030))
+"""Grids with packets at all borders, in the middle, and in part beyond the end of a row; one has long lines."""
 SYMBOL = "bool inside = "
 
 

@@ -309,7 +309,8 @@ class OpenCLExecutable:
         self, compiled: Any, args: list[Any], shape: tuple[int, ...], program: Any, *, reads: bool, shared: bool = False
     ) -> Callable[[], None]:
         """Return a function that runs a kernel of a program with these arguments over a shape: see `starter`."""
-        items, lanes = self._items(shape), self.kernel.lanes
+        items = self._items(shape)
+        each = self.kernel.lanes if self.kernel.packets == 1 else -(-math.prod(shape) // items.columns)
 
         def renewed() -> Any:
             self._renew()
@@ -321,16 +322,18 @@ class OpenCLExecutable:
 
         renew = renewed if self.hurried or self.program is not program else None
         return starter(
-            self.machine, compiled, args, items, self.group, self.pace, lanes, reads=reads, shared=shared, renew=renew
+            self.machine, compiled, args, items, self.group, self.pace, each, reads=reads, shared=shared, renew=renew
         )
 
     def _items(self, shape: tuple[int, ...]) -> Items:
-        """Return the work items of a run: one for each element, or one for each packet, in columns and lines."""
+        """Return the work items of a run: one for each element, packet or part of a line; packets in columns."""
         count = math.prod(shape)
         if self.kernel.lanes == 1:
             return Items(count)
         columns, row = self.kernel.columns, self._row_length(shape)
         lines = -(-count // (row * (self.kernel.lanes // columns)))
+        if self.kernel.packets > 1:
+            return Items(lines * -(-row // (self.kernel.packets * columns)))
         return Items(lines) if row == columns else Items(-(-row // columns), lines)
 
     def _collect(self, call: Call, outputs: list[tuple[Any, bool, Array | None]]) -> Array | None:

@@ -35,13 +35,11 @@ INLINE sh_node sh_tree(GIVEN, ulong first, int left) {
 
 // The tree over a block, up to the level that is one packet.
 INLINE sh_node sh_whole(GIVEN, ulong first) {
-    sh_node node[BLOCK / (2 * WIDTH)];
-    for (int k = 0; k < BLOCK / (2 * WIDTH); k += 1) {
-        ulong at = first + k * (2 * WIDTH);
-        sh_ahead(GIVEN_ARGS, at);
-        node[k] = sh_neighbours(sh_given(GIVEN_ARGS, at, at + WIDTH), sh_given(GIVEN_ARGS, at + WIDTH, at + 2 * WIDTH));
+    sh_node node[BLOCK / LOWEST];
+    for (int k = 0; k < BLOCK / LOWEST; k += 1) {
+        node[k] = sh_lowest(GIVEN_ARGS, first + k * LOWEST);
     }
-    for (int width = BLOCK / (4 * WIDTH); width > 0; width /= 2) {
+    for (int width = BLOCK / LOWEST / 2; width > 0; width /= 2) {
         for (int k = 0; k < width; k += 1) {
             node[k] = sh_neighbours(node[2 * k], node[2 * k + 1]);
         }

@@ -144,12 +144,12 @@ class PacketPrologue(Prologue):
     """
 
     def __init__(
-        self, lanes: int, abilities: Abilities, columns: int = QUAD, *, listed: bool = False, apart: bool = False
+        self, lanes: int, abilities: Abilities, columns: int = QUAD, *, listed: bool = False, packets: int = 1
     ) -> None:
         super().__init__()
         self.lanes = lanes
         self.abilities = abilities
-        self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed, apart)
+        self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed, packets)
 
     def any_lane(self) -> str:
         """Add the function that tells whether any lane is set; return its name."""

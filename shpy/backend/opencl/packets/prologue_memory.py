@@ -93,14 +93,15 @@ class PacketMemory:
     """The writer of functions for packets of `lanes`; `shuffle`: the compiler has `__builtin_shufflevector`.
 
     A packet has `columns` neighbouring elements in each row: four for a block of the grid, else all. If `listed`, it
-    holds consecutive elements of a list. If `apart`, the kernel finds the packets of arrays that are one packet wide.
+    holds consecutive elements of a list. A work item computes one packet, or up to `packets` that follow one another in
+    a line.
     """
 
     lanes: int
     shuffle: bool
     columns: int
     listed: bool = False
-    apart: bool = False
+    packets: int = 1
 
     def packet(self) -> str:
         """Return `sh_packet` and the functions that make the packet of a work item."""
@@ -130,9 +131,8 @@ typedef struct {{
         columns = ", ".join(str(k % wide) for k in range(lanes))
         lines = ", ".join(str(k // wide) for k in range(lanes))
         by_rows = f" * {rows}" if rows > 1 else ""
-        moved_i, moved_j = ("(first + i)", "(first + j)") if rows > 1 else ("first + i", "first + j")
         below, line = (f" + row * (int{lanes})({lines})", f"y + (int{lanes})({lines})") if rows > 1 else ("", "y")
-        alone = "" if self.apart else f"row == {wide} ? (int2)(0, {moved_i}{by_rows}) : "
+        inside, whole = (", bool inside", "inside || ") if self.packets > 1 else ("", "")
         last = {1: "", 2: "row + "}.get(rows, f"{rows - 1} * row + ")
         return f"""\
 // The elements of a packet: {rows} row{"s" if rows > 1 else ""} of {wide} in an array that is `row` wide.
@@ -148,14 +148,10 @@ typedef struct {{
     bool empty;
 }} sh_packet;
 
-// The column and line at which this work item's packet begins. The dispatch begins with packet, or line, `first`.
-{INLINE} int2 sh_corner(int first, int row) {{
-    int i = get_global_id(0), j = get_global_id(1);
-    return {alone}(int2)(i * {wide}, {moved_j}{by_rows});
-}}
+{self._in_line() if self.packets > 1 else self._corner(by_rows)}
 
 // The packet that begins there; the last one of a row, and the last row, may hold fewer elements.
-{INLINE} sh_packet sh_packet_at(int2 corner, ulong count, int row) {{
+{INLINE} sh_packet sh_packet_at(int2 corner, ulong count, int row{inside}) {{
     int x = corner.x, y = corner.y;
     sh_packet p;
     p.first = (size_t)y * row + x;
@@ -165,11 +161,37 @@ typedef struct {{
     p.x = (int{lanes})({columns});
     p.at = p.x{below};
     p.active = (p.x < row - x) & (p.at < left);
-    p.whole = x + {wide} <= row && left > {last}{wide - 1};
+    p.whole = {whole}x + {wide} <= row && left > {last}{wide - 1};
     p.at &= p.active;
     p.x += x;
     p.y = {line};
     return p;
+}}"""
+
+    def _corner(self, by_rows: str) -> str:
+        """Return the function that finds the packet of a work item."""
+        wide = self.columns
+        moved_i, moved_j = ("(first + i)", "(first + j)") if by_rows else ("first + i", "first + j")
+        return f"""\
+// The column and line at which this work item's packet begins. The dispatch begins with packet, or line, `first`.
+{INLINE} int2 sh_corner(int first, int row) {{
+    int i = get_global_id(0), j = get_global_id(1);
+    return row == {wide} ? (int2)(0, {moved_i}{by_rows}) : (int2)(i * {wide}, {moved_j}{by_rows});
+}}"""
+
+    def _in_line(self) -> str:
+        """Return the functions that find the packets of a work item, which follow one another in a line."""
+        most = self.packets * self.columns
+        return f"""\
+// The column and line at which this work item's packets begin: {self.packets} of a line, or as many as are left of it.
+{INLINE} int2 sh_corner(int first, int row) {{
+    int i = first + get_global_id(0), parts = (row - 1) / {most} + 1;
+    return (int2)(i % parts * {most}, i / parts);
+}}
+
+// The column behind these packets, or 0 if there is no such line.
+{INLINE} int sh_end(int2 corner, ulong count, int row) {{
+    return (ulong)corner.y * row < count ? min(row, corner.x + {most}) : 0;
 }}"""
 
     def read(self, name: str, base: Base, size: int) -> str:

@@ -57,7 +57,8 @@ class KernelText:
     the entry; the step is 1, or 0 for a uniform input); a pointer and a shape for each of `tables`; each of `params`;
     a pointer for each output. A packet has `lanes` elements, `columns` of them side by side. A kernel of packets takes,
     after the number of elements, the first packet (or line of packets) of this dispatch and, unless it is `listed`, the
-    length of a row (ints). Its tables of three components are padded to four.
+    length of a row (ints). Its tables of three components are padded to four. A work item computes one packet, or if
+    `packets` is more, as many as a row has, at most `packets`; then the dispatch begins with a work item.
     """
 
     text: str
@@ -71,6 +72,7 @@ class KernelText:
     lanes: int = 1
     columns: int = 1
     listed: bool = False
+    packets: int = 1
     private: Private = NONE
     """The local arrays of a work item."""
 
