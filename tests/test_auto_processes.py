@@ -97,9 +97,13 @@ for thread in threads:
 first = f.compile("numpy")(x)
 assert [result.tobytes() == first.tobytes() for result in [*results, kernel(x)]] == [True] * 7
 assert kernel.runs_on == "opencl"
+chain = sh.repeat(f.rename(x="y"), 3)
+last = [chain.run(y=x).streams["y"].numpy().tobytes() for _ in range(2)]
+assert chain.runs_on == "opencl"
 child = os.fork()
 if not child:
     same = kernel(x).tobytes() == first.tobytes() and kernel.runs_on == "numpy"
+    same &= chain.run(y=x).streams["y"].numpy().tobytes() == last[0] == last[1] and chain.runs_on == "numpy"
     @sh.program
     def g(x: sh.Attrib1f):
         return sh.cos(x)

@@ -15,10 +15,13 @@ from functools import cached_property
 from typing import Any
 
 from shpy.algebra import alike, with_article
+from shpy.backend.registry import AUTO, default_backend
 from shpy.chains.member import RUN_ARGUMENTS, Member, Step, Watch, element_layout, is_gathered
 from shpy.chains.merging import COUNT
+from shpy.chains.places import has_place
 from shpy.chains.running import ChainResult, Run
 from shpy.chains.share import Share
+from shpy.chains.takeover import Takeover
 from shpy.errors import LoopLimitExceeded, ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.constants import is_int
@@ -94,13 +97,31 @@ class Chain(Unchanging, ABC):
 
         `streams` are Streams, host arrays, which are copied to the device once, Tables and Textures, and numbers and
         Params, which hold for every element. They keep their elements: the chain writes into its own memory.
+        Over arrays alone, the default backend "auto" is numpy, then OpenCL with the same bits once that pays
+        (`runs_on`); the streams of the result lie on numpy, wherever the chain ran.
         `shape` is that of kernels which read no stream by element and write a new one. `backend`, `device` and
         `precision` say where arrays go if no stream is given.
         Raises ShpyTypeError before anything runs for missing and unknown streams, and for a `shape` where every kernel
         has another one from its streams; LoopLimitExceeded for a `loop` of the chain or a loop of a kernel that ran out
         of its iterations.
         """
+        if backend is None and device is None and default_backend() == AUTO and not has_place(self, streams):
+            return self._takeover.result(lambda name: Run(self, streams, shape, name, None, precision))
         return Run(self, streams, shape, backend, device, precision).result()
+
+    @cached_property
+    def _takeover(self) -> Takeover:
+        return Takeover()
+
+    @property
+    def runs_on(self) -> str:
+        """The name of the backend of the next run over arrays that names none: "numpy", or "opencl" once that pays."""
+        return self._takeover.runs_on if default_backend() == AUTO else default_backend()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return the reason why `runs_on` is that backend."""
+        return (self._takeover.note,) if default_backend() == AUTO else (default_backend().why,)
 
     def where(self, condition: str | Program) -> Chain:
         """Return the chain with a condition on the elements of each kernel."""
@@ -174,6 +195,7 @@ class Repeat(Chain):
                     advance()
                 for member in self.members:
                     member.perform(run)
+                run.passed(self, (number + 1) / self.times)
         run.once = outside
 
     def __str__(self) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from shpy.algebra import alike, signature, type_name, with_article
 from shpy.backend.registry import backend as backend_named
@@ -156,6 +156,21 @@ class Member:
                 cure=f"the program {self.name} in the chain, which is compiled for the streams' device",
             )
         return self.kernel
+
+
+class Node(Protocol):
+    """A part of a chain, which knows how often and in which order its kernels run."""
+
+    @property
+    def kernels(self) -> Iterable[Member]:
+        """Every kernel, in order."""
+
+    @property
+    def steps(self) -> Iterable[Step]:
+        """Return every kernel in order, each with True if the chain is certain to run it."""
+
+    def perform(self, run: Any) -> None:
+        """Run this part once."""
 
 
 @dataclass(slots=True, eq=False)

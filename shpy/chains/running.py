@@ -13,16 +13,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain as joined
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from shpy.backend.base import DeviceCall, Executable, Memory
-from shpy.backend.registry import default_place
 from shpy.chains.counter import Counter
-from shpy.chains.member import Member, Step, Watch, element_layout, is_gathered, stream_names
+from shpy.chains.member import Member, Node, Watch, element_layout, is_gathered
 from shpy.chains.merging import COUNT, merge_of
+from shpy.chains.places import check_names, place_of
 from shpy.chains.share import Share
 from shpy.errors import ShpyTypeError
 from shpy.lang.data.tables import Table, TableType
@@ -32,27 +31,11 @@ from shpy.lang.values.structure import Layout, Leaf, leaves, spoken_type
 from shpy.passes.modes import Precision
 from shpy.run import host
 from shpy.run.kernel import Kernel
-from shpy.run.on_device import check_places
 from shpy.streams.elements import Shape, given_shape
-from shpy.streams.stream import Place, Stream, _place, streams_in
+from shpy.streams.stream import Stream
 
 _AHEAD = 256
 """The most runs that are collected before they are started together."""
-
-
-class Node(Protocol):
-    """A part of a chain, which knows how often and in which order its kernels run."""
-
-    @property
-    def kernels(self) -> Iterable[Member]:
-        """Every kernel, in order."""
-
-    @property
-    def steps(self) -> Iterable[Step]:
-        """Return every kernel in order, each with True if the chain is certain to run it."""
-
-    def perform(self, run: Run) -> None:
-        """Run this part once."""
 
 
 @dataclass(eq=False)
@@ -103,8 +86,8 @@ class Run:
         self._node = node
         self._members = tuple(node.kernels)
         self._shape = None if shape is None else given_shape(shape)
-        _check_names(node, values)
-        self.place = _place_of(self._members, values, backend, device, precision)
+        check_names(node, values)
+        self.place = place_of(self._members, values, backend, device, precision)
         self._kernels = {member: member.compiled(self.place) for member in self._members}
         self._constants: dict[str, Any] = {}
         self.current: dict[Any, Stream] = {}
@@ -118,9 +101,22 @@ class Run:
         self._plans: dict[Node, tuple[list[Any], dict[tuple[Any, ...], _BoundRuns]]] = {}
         self._pending: list[Callable[[], None]] = []
         self.watches: list[Watch] = []
+        self.watch: Callable[[float], None] | None = None
+        """A function that is told after each start which share of the chain is done, 0 where that is unknown."""
+        self.started, self._share, self._ahead = 0, 0.0, 1
         self.holds_back = False
         self.open = False
         self.once = True
+
+    @property
+    def kernels(self) -> list[Kernel]:
+        """The compiled kernels."""
+        return list(dict.fromkeys(self._kernels.values()))
+
+    @property
+    def elements(self) -> int:
+        """The most elements of a stream, or of new streams."""
+        return max(0 if self._shape is None else math.prod(self._shape), *(s.size for s in self.current.values()), 0)
 
     # Inputs of the chain
 
@@ -210,7 +206,7 @@ class Run:
                 written = self.place.space.count(status).written > 0
                 for watch in open_watches:
                     watch.wrote = written
-        if len(self._pending) >= _AHEAD:
+        if len(self._pending) >= (_AHEAD if self.watch is None else self._ahead):
             self.flush()
 
     @contextmanager
@@ -247,7 +243,20 @@ class Run:
         """Start all collected runs."""
         pending, self._pending = self._pending, []
         if pending:
-            self.place.space.start(pending)
+            self._start(pending)
+
+    def passed(self, node: Node, share: float) -> None:
+        """Note which share of a part is done, if it is the whole chain."""
+        if node is self._node:
+            self._share = share
+
+    def _start(self, runs: list[Callable[[], None]]) -> None:
+        """Start runs. Where each start is watched they become more and more, since the first may take long."""
+        self.place.space.start(runs)
+        self.started += len(runs)
+        if self.watch is not None:
+            self._ahead = min(2 * self._ahead, _AHEAD)
+            self.watch(self._share)
 
     def _plan(self, node: Node) -> _BoundRuns:
         plan = _BoundRuns()
@@ -300,7 +309,7 @@ class Run:
         """Start a run that happens once; otherwise add it to the plan, which keeps its memory alive."""
         if self.once:
             self.flush()
-            self.place.space.start([executable.ready(call, once=True)])
+            self._start([executable.ready(call, once=True)])
         else:
             plan.starts.append(executable.ready(call))
             plan.calls.append(call)
@@ -435,56 +444,3 @@ def _labels(members: Iterable[Member]) -> dict[Member, str]:
             label, count = f"{member.name}_{count}", count + 1
         labels[member] = label
     return labels
-
-
-def _check_names(node: Node, values: Mapping[str, Any]) -> None:
-    """Raise ShpyTypeError for a stream that no kernel has, and for one that is read but neither given nor written."""
-    steps = list(node.steps)
-    names = stream_names(steps)
-    for name in values:
-        if name not in names and any(name in step.numbers for step in steps):
-            raise ShpyTypeError(
-                f"{name} is given, and {node} counts it: it is the number of the pass", loc=here(), cure=f"no {name}="
-            )
-        if name not in names:
-            listed = "; ".join(dict.fromkeys(member.signature for member in node.kernels))
-            raise ShpyTypeError(
-                f"{name} is no stream of {node}: {listed}", loc=here(), cure=f"one of {', '.join(names)}"
-            )
-    there = set(values)
-    for step in steps:
-        member = step.kernel
-        missing = [n for n in step.inputs if n not in there and n not in member.recorded.defaults]
-        if missing:
-            raise ShpyTypeError(
-                f"{node} lacks {', '.join(missing)}, which {member.signature} reads",
-                loc=here(),
-                cure=f"chain.run({', '.join(f'{n}=…' for n in (*values, *missing))})",
-            )
-        there |= {name for name, _ in member.outputs} if step.runs else set()
-
-
-def _place_of(
-    members: Iterable[Member],
-    values: Mapping[str, Any],
-    backend: str | None,
-    device: int | None,
-    precision: Precision | None,
-) -> Place:
-    """Return the place of the streams; without streams, that of a compiled kernel, else the one given to `run`."""
-    members = tuple(members)
-    tables = (table for member in members for table in member.recorded.tables.values())
-    stream = next(streams_in(joined(values.values(), tables)), None)
-    kernel = next((member.kernel for member in members if isinstance(member.kernel, Kernel)), None)
-    if stream is None and kernel is None:
-        return _place(default_place() if backend is None else backend, device, precision or "f32")
-    place = stream.place if stream is not None else kernel.place  # type: ignore[union-attr]
-    told = {"backend": backend, "device": device, "precision": precision}
-    for name, value in told.items():
-        if value is not None and value != getattr(place, name):
-            what = repr(stream) if stream is not None else repr(kernel)
-            raise ShpyTypeError(
-                f"{name}={value!r}, and the chain runs where {what} is", loc=here(), cure=f"no {name}=, or arrays"
-            )
-    check_places(values.values(), place, "the chain")
-    return place

@@ -23,7 +23,7 @@ import importlib.util
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Final
@@ -41,6 +41,9 @@ from shpy.passes.modes import REPRODUCIBLE
 
 QUICK: Final = "numpy"
 BETTER: Final = "opencl"
+MISSING: Final = f"there is no {BETTER} here"
+SLOWER: Final = f"{BETTER} is slower here"
+REFUSES: Final = f"{BETTER} does not take it ({{}})"
 _COMPILED: Final = "texts that OpenCL compiled"
 """The list of texts whose binaries the driver is expected to have in its own files."""
 _SPENT: Final = "seconds that numpy spent on texts"
@@ -92,7 +95,7 @@ class TieredExecutable:
 
     def __init__(self, quick: Any, module: Module, options: Options) -> None:
         self._quick, self._module, self._options = quick, module, options
-        self._statements = sum(1 for f in quick.prepared.module.functions for _ in walk(f.body))
+        self._statements = statements_of(quick)
         self._better: Executable | None = None
         self._refusal: str | None = None
         self._compiling = threading.Lock()
@@ -110,9 +113,7 @@ class TieredExecutable:
 
     def expected(self, *, cached: bool) -> float:
         """Return the seconds that compiling for OpenCL is expected to take, `cached` in the driver's files or not."""
-        once, each = _CACHED if cached else _COLD
-        start = _START if cached else _START + _COMPILER
-        return once + each * self._statements + (0 if "pyopencl" in sys.modules else start)
+        return expected([(self._statements, cached)])
 
     @property
     def runs_on(self) -> str:
@@ -229,30 +230,25 @@ class TieredExecutable:
         return self._better is not None
 
     def _compile(self, total: float) -> None:
-        from shpy.backend.device import store  # here, since most processes compile nothing for OpenCL
-        from shpy.backend.opencl.device.loading import keep_to_one_core
-
-        if importlib.util.find_spec("pyopencl") is None:
-            self._refuse(f"there is no {BETTER} here")
+        if not is_installed():
+            self._refuse(MISSING)
             return
         text = self._text
-        if not store.is_remembered(_COMPILED, text) and not self._has_paid(total):
+        if not was_compiled(text) and not self._has_paid(total):
             return
         before = sys.exception()
         try:
-            if _is_worker():
-                keep_to_one_core()
             opencl: Any = backend_named(BETTER)
-            if faults := opencl.faults(self._options.device):
-                self._refuse(f"{BETTER}'s device gets {' and '.join(sorted(faults))} wrong")
+            if (fault := fault_of(opencl, self._options.device)) is not None:
+                self._refuse(fault)
                 return
             with ieee_arithmetic(), uncollected(), announced(self._module, BETTER):
                 better = opencl.compile(self._module, self._options)
         except Exception as error:  # drivers raise errors of any type
             raise_interrupt(error, before)
-            self._refuse(f"{BETTER} does not take it ({_said(error)})")
+            self._refuse(REFUSES.format(said(error)))
             return
-        store.remember(_COMPILED, text)
+        remember_compiled(text)
         # Threads read it without the lock.
         self._fewest = round(_LAUNCH / (self._seconds / self._elements)) if self._seconds else 0
         self._better = better
@@ -278,9 +274,7 @@ class TieredExecutable:
 
     @cached_property
     def _text(self) -> str:
-        from shpy.backend.device import store
-
-        return store.key(print_module(self._module), repr(self._options))
+        return text_of(self._module, self._options)
 
     def _run_better(self, call: Call) -> Array | None:
         better = self._better
@@ -296,16 +290,81 @@ class TieredExecutable:
             status = better.run(call)
         except Exception as error:  # for instance, too little memory on the device
             raise_interrupt(error, before)
-            self._refuse(f"{BETTER} gave an error ({_said(error)})")
+            self._refuse(f"{BETTER} gave an error ({said(error)})")
             return self._quick.run(call)  # type: ignore[no-any-return]
         self._trials.append((time.perf_counter() - start) / call.count)
-        if len(self._trials) == _TRIED and min(self._trials) > self._seconds / self._elements:
-            self._refuse(f"{BETTER} is slower here")
+        if is_slower(self._trials, self._seconds / self._elements):
+            self._refuse(SLOWER)
         return status
 
     def _refuse(self, reason: str) -> None:
         """Go on with numpy for good."""
         self._better, self._refusal = None, reason
+
+
+def statements_of(quick: Any) -> int:
+    """Return the statements of a program that numpy has prepared."""
+    return sum(1 for f in quick.prepared.module.functions for _ in walk(f.body))
+
+
+def expected(programs: Iterable[tuple[int, bool]]) -> float:
+    """Return the seconds that compiling for OpenCL is expected to take.
+
+    Of each program: its statements, and whether the driver has its binary in its files.
+    """
+    seconds, start = 0.0, 0.0 if "pyopencl" in sys.modules else _START
+    is_cold = False
+    for statements, cached in programs:
+        once, each = _CACHED if cached else _COLD
+        seconds += once + each * statements
+        is_cold |= not cached
+    return seconds + start + (_COMPILER if is_cold and start else 0.0)
+
+
+def is_installed() -> bool:
+    """Return whether there is a package for OpenCL."""
+    return importlib.util.find_spec("pyopencl") is not None
+
+
+def fault_of(opencl: Any, device: int | None) -> str | None:
+    """Return why OpenCL may not go on with numpy's work, or None; a worker process keeps it to one core."""
+    from shpy.backend.opencl.device.loading import keep_to_one_core
+
+    if _is_worker():
+        keep_to_one_core()
+    faults = opencl.faults(device)
+    return f"{BETTER}'s device gets {' and '.join(sorted(faults))} wrong" if faults else None
+
+
+def text_of(module: Module, options: Options) -> str:
+    """Return the key of a program's text in the lists of texts."""
+    from shpy.backend.device import store
+
+    return store.key(print_module(module), repr(options))
+
+
+def was_compiled(text: str) -> bool:
+    """Return whether the driver is expected to have the binary of a text."""
+    from shpy.backend.device import store
+
+    return store.is_remembered(_COMPILED, text)
+
+
+def remember_compiled(text: str) -> None:
+    """Note that the driver has compiled a text."""
+    from shpy.backend.device import store
+
+    store.remember(_COMPILED, text)
+
+
+def is_brief(seconds: float) -> bool:
+    """Return whether OpenCL's shortest call takes longer."""
+    return seconds < _LAUNCH
+
+
+def is_slower(trials: list[float], seconds: float) -> bool:
+    """Return whether OpenCL's first calls, now complete, took more than numpy's seconds; both of an element."""
+    return len(trials) == _TRIED and min(trials) > seconds
 
 
 def _is_worker() -> bool:
@@ -314,7 +373,8 @@ def _is_worker() -> bool:
     return process is not None and process.parent_process() is not None
 
 
-def _said(error: Exception) -> str:
+def said(error: Exception) -> str:
+    """Return what an error says, in a note."""
     return error.message if isinstance(error, ShpyError) else f"{type(error).__name__}: {error}"
 
 

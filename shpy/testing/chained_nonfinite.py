@@ -15,8 +15,8 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.chains.chain import Chain
-from shpy.chains.member import Member, is_gathered
-from shpy.chains.running import Node, Run
+from shpy.chains.member import Member, Node, is_gathered
+from shpy.chains.running import Run
 from shpy.errors import LoopLimitExceeded
 from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.data.tables import TableType

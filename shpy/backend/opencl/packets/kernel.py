@@ -16,7 +16,7 @@ a `float`, and uniform control flow stays as it is:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import reduce
 from typing import ClassVar, Final
@@ -47,16 +47,17 @@ from shpy.backend.emit.tree import (
 from shpy.backend.opencl.packets.alone import LaneCalls
 from shpy.backend.opencl.packets.operations import PacketOperations
 from shpy.backend.opencl.packets.prologue import Abilities, PacketPrologue
-from shpy.backend.opencl.packets.prologue_memory import INLINE, QUAD, spelled_wide
+from shpy.backend.opencl.packets.prologue_memory import QUAD, spelled_wide
+from shpy.backend.opencl.packets.prologue_packet import INLINE
 from shpy.backend.opencl.packets.prologue_wide import LONGEST, Words, declare_wide
 from shpy.backend.opencl.packets.spell_packets import PacketSpeller
+from shpy.backend.opencl.packets.surroundings import surroundings
 from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen, widened
 from shpy.backend.opencl.text.kernel import SIZE, ULONG, KernelMaker, KernelText
 from shpy.backend.opencl.text.operations import INDEX, SHAPE, ClOperations, hides_zeros
 from shpy.backend.opencl.text.prologue import NOINLINE
 from shpy.backend.opencl.text.spell_cl import ClSpeller
-from shpy.ir.constants import decode
-from shpy.ir.nodes import Call, Function, Let, Module, Table, Variable
+from shpy.ir.nodes import Call, Function, Let, Module, Variable
 from shpy.ir.traverse import defined, variables_of, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.components import ALL, LONG, SHORT, has_long, take_apart
@@ -75,9 +76,6 @@ _LARGE: Final = 400
 
 Other functions with more statements are not inlined.
 """
-
-_FAR: Final = 1 << 16
-"""The largest offset of a neighbour for which no index beside a packet can wrap around."""
 
 _IN_LINE: Final = 64
 """The most packets of a line that one work item computes, where it reads neighbours: long lines keep all cores busy."""
@@ -158,36 +156,6 @@ def _is_fused_rsqrt(function: Function) -> bool:
     return [s.op for s in walk(function.body) if isinstance(s, Let) and s.op not in ("const", "splat")] == _FUSED_RSQRT
 
 
-def _surroundings(entry: Function, tables: Mapping[str, Table]) -> dict[str, list[tuple[int, int]]]:
-    """Return for each table the least and the largest offset on both axes at which the entry reads neighbours.
-
-    It is {} unless all of these reads are of scalars at constants that are not far; if modulo anything, then modulo the
-    shape of the grid or of the table.
-    """
-    values = {s.value.id: s for s in walk(entry.body) if isinstance(s, Let)}
-
-    def is_extent(modulus: Let | None, axis: int, table: str) -> bool:
-        if modulus is None or modulus.op != "swizzle" or modulus.attr != (axis,):
-            return False
-        whole = values.get(modulus.args[0])
-        return whole is not None and (whole.op == "grid_shape" or (whole.op, whole.attr) == ("table_size", table))
-
-    around: dict[str, list[tuple[int, int]]] = {}
-    for s in values.values():
-        if s.op == "neighbour":
-            table = tables[str(s.attr)]
-            by, moduli = [[values.get(a) for a in args] for args in (s.args[:2], s.args[2:])]
-            numbers = [b for b in by if b is not None and b.op == "const"]
-            offsets = [decode(b.value.type, b.attr)[0] for b in numbers if isinstance(b.attr, tuple)]
-            if table.rank != 2 or table.type.size > 1 or len(offsets) < 2 or max(map(abs, offsets)) > _FAR:
-                return {}
-            if not all(is_extent(m, axis, table.name) for axis, m in enumerate(moduli)):
-                return {}
-            spans = around.get(table.name, [(o, o) for o in offsets])
-            around[table.name] = [(min(a, o), max(b, o)) for (a, b), o in zip(spans, offsets, strict=True)]
-    return around
-
-
 def _is_large(function: Function) -> bool:
     return sum(1 for _ in walk(function.body)) > _LARGE
 
@@ -230,7 +198,7 @@ class PacketMaker(KernelMaker):
         self.dispatch += [] if self.listed else [Parameter(INT, self.row.text)]
         self.packet = Name(INT, take("packet"))
         whole_rows = not self.listed and columns == lanes and not _is_large(module.entry)
-        self.around = _surroundings(module.entry, self.tables) if whole_rows else {}
+        self.around = surroundings(module.entry, self.tables) if whole_rows else {}
         """The offsets from a packet at which a kernel reads that asks once whether all neighbours are in range."""
         self.inside = Name(BOOL, take("inside") if self.around else "")
         self.place |= {self.inside: BOOL} if self.around else {}

@@ -26,7 +26,6 @@ from typing import Final
 
 from shpy.backend.emit.spell_c import row_major
 from shpy.backend.opencl.packets.prologue_memory import (
-    INLINE,
     QUAD,
     PacketMemory,
     element_name,
@@ -34,6 +33,7 @@ from shpy.backend.opencl.packets.prologue_memory import (
     spelled_wide,
     struct_text,
 )
+from shpy.backend.opencl.packets.prologue_packet import INLINE, block_packet, list_packet
 from shpy.backend.opencl.packets.widen import rows_of
 from shpy.backend.opencl.text.prologue import SCALARS, Prologue
 from shpy.ir.types import Base, Type
@@ -149,7 +149,8 @@ class PacketPrologue(Prologue):
         super().__init__()
         self.lanes = lanes
         self.abilities = abilities
-        self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed, packets)
+        self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed)
+        self._packets = packets
 
     def any_lane(self) -> str:
         """Add the function that tells whether any lane is set; return its name."""
@@ -217,7 +218,11 @@ class PacketPrologue(Prologue):
 
     def packet(self) -> None:
         """Add the struct of a work item's packet."""
-        self.ask("sh_packet", self._memory.packet)
+        lanes, columns = self.lanes, self._memory.columns
+        self.ask(
+            "sh_packet",
+            lambda: list_packet(lanes) if self._memory.listed else block_packet(lanes, columns, self._packets),
+        )
 
     def memory(self, way: str, base: Base, size: int) -> str:
         """Add the function for a `way` of `read`, `write` or `gather`; return its name."""

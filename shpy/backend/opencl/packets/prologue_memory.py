@@ -22,6 +22,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
+from shpy.backend.opencl.packets.prologue_packet import INLINE
 from shpy.backend.opencl.packets.prologue_wide import LONGEST
 from shpy.backend.opencl.packets.widen import rows_of
 from shpy.backend.opencl.text.prologue import NOINLINE, SCALARS
@@ -32,8 +33,6 @@ QUAD: Final = 4
 _HEX: Final = "0123456789abcdef"
 _XYZW: Final = "xyzw"
 _PARTS: Final = ("ra", "rb", "rc", "rd")
-INLINE: Final = "__attribute__((always_inline))"
-"""The attribute of functions that take a packet, which fills many registers, or an array meant for registers."""
 
 Pick = tuple[str, int]
 """A vector's name, and a place in each group of four of its numbers."""
@@ -93,106 +92,13 @@ class PacketMemory:
     """The writer of functions for packets of `lanes`; `shuffle`: the compiler has `__builtin_shufflevector`.
 
     A packet has `columns` neighbouring elements in each row: four for a block of the grid, else all. If `listed`, it
-    holds consecutive elements of a list. A work item computes one packet, or up to `packets` that follow one another in
-    a line.
+    holds consecutive elements of a list.
     """
 
     lanes: int
     shuffle: bool
     columns: int
     listed: bool = False
-    packets: int = 1
-
-    def packet(self) -> str:
-        """Return `sh_packet` and the functions that make the packet of a work item."""
-        return self._list_packet() if self.listed else self._block_packet()
-
-    def _list_packet(self) -> str:
-        lanes = self.lanes
-        return f"""\
-// The elements of a packet: {lanes} that follow one another in a list, or as many as are `left` at its end.
-typedef struct {{
-    size_t first;
-    int left;
-    int{lanes} active;
-}} sh_packet;
-
-// The packet that begins with the element `first`.
-{INLINE} sh_packet sh_packet_at(size_t first, ulong count) {{
-    sh_packet p;
-    p.first = first;
-    p.left = first < count ? (int)min(count - first, (ulong){lanes}) : 0;
-    p.active = (int{lanes})({", ".join(map(str, range(lanes)))}) < p.left;
-    return p;
-}}"""
-
-    def _block_packet(self) -> str:
-        lanes, wide, rows = self.lanes, self.columns, self.lanes // self.columns
-        columns = ", ".join(str(k % wide) for k in range(lanes))
-        lines = ", ".join(str(k // wide) for k in range(lanes))
-        by_rows = f" * {rows}" if rows > 1 else ""
-        below, line = (f" + row * (int{lanes})({lines})", f"y + (int{lanes})({lines})") if rows > 1 else ("", "y")
-        inside, whole = (", bool inside", "inside || ") if self.packets > 1 else ("", "")
-        last = {1: "", 2: "row + "}.get(rows, f"{rows - 1} * row + ")
-        return f"""\
-// The elements of a packet: {rows} row{"s" if rows > 1 else ""} of {wide} in an array that is `row` wide.
-// Each lane holds the element `first + at`, which is in column x of line y.
-typedef struct {{
-    size_t first;
-    int row;
-    int{lanes} at;
-    int{lanes} x;
-    int{lanes} y;
-    int{lanes} active;
-    bool whole;
-    bool empty;
-}} sh_packet;
-
-{self._in_line() if self.packets > 1 else self._corner(by_rows)}
-
-// The packet that begins there; the last one of a row, and the last row, may hold fewer elements.
-{INLINE} sh_packet sh_packet_at(int2 corner, ulong count, int row{inside}) {{
-    int x = corner.x, y = corner.y;
-    sh_packet p;
-    p.first = (size_t)y * row + x;
-    p.row = row;
-    p.empty = p.first >= count || x >= row;
-    int left = (int)min(count - p.first, (ulong)INT_MAX);
-    p.x = (int{lanes})({columns});
-    p.at = p.x{below};
-    p.active = (p.x < row - x) & (p.at < left);
-    p.whole = {whole}x + {wide} <= row && left > {last}{wide - 1};
-    p.at &= p.active;
-    p.x += x;
-    p.y = {line};
-    return p;
-}}"""
-
-    def _corner(self, by_rows: str) -> str:
-        """Return the function that finds the packet of a work item."""
-        wide = self.columns
-        moved_i, moved_j = ("(first + i)", "(first + j)") if by_rows else ("first + i", "first + j")
-        return f"""\
-// The column and line at which this work item's packet begins. The dispatch begins with packet, or line, `first`.
-{INLINE} int2 sh_corner(int first, int row) {{
-    int i = get_global_id(0), j = get_global_id(1);
-    return row == {wide} ? (int2)(0, {moved_i}{by_rows}) : (int2)(i * {wide}, {moved_j}{by_rows});
-}}"""
-
-    def _in_line(self) -> str:
-        """Return the functions that find the packets of a work item, which follow one another in a line."""
-        most = self.packets * self.columns
-        return f"""\
-// The column and line at which this work item's packets begin: {self.packets} of a line, or as many as are left of it.
-{INLINE} int2 sh_corner(int first, int row) {{
-    int i = first + get_global_id(0), parts = (row - 1) / {most} + 1;
-    return (int2)(i % parts * {most}, i / parts);
-}}
-
-// The column behind these packets, or 0 if there is no such line.
-{INLINE} int sh_end(int2 corner, ulong count, int row) {{
-    return (ulong)corner.y * row < count ? min(row, corner.x + {most}) : 0;
-}}"""
 
     def read(self, name: str, base: Base, size: int) -> str:
         """Return `sh_read_f2`, and the function that reads the lanes of an incomplete packet one by one."""

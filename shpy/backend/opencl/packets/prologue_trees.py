@@ -22,7 +22,8 @@ import numpy as np
 from shpy.backend.base import NodeTypes
 from shpy.backend.opencl.packets.kernel import PacketMaker, in_packets
 from shpy.backend.opencl.packets.prologue import Abilities, PacketPrologue
-from shpy.backend.opencl.packets.prologue_memory import INLINE, element_name, lane_of, spelled_wide
+from shpy.backend.opencl.packets.prologue_memory import element_name, lane_of, spelled_wide
+from shpy.backend.opencl.packets.prologue_packet import INLINE
 from shpy.backend.opencl.packets.widen import Lanes, lanes_of, rows_of
 from shpy.backend.opencl.text.kernel import KernelText
 from shpy.ir.constants import DTYPES
