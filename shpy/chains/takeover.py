@@ -4,7 +4,7 @@ Stage: run. The policy is that of programs (`run.tiers`): numpy runs the kernels
 the rest of a chain that repeats, reach what compiling them for OpenCL is expected to cost. Seconds of earlier processes
 do not count. A chain only reads the caller's arrays, so OpenCL runs all of it again. Its streams are then copied to
 numpy's memory, where streams lie by default: the place of a result does not depend on the time that a run has taken.
-500 steps of Jacobi's iteration over 1,024 x 1,024 take 0.6 s the first time and 0.14 s from then on, and 1.2 s on numpy.
+500 steps of Jacobi's iteration over 1,024 x 1,024 take 0.6 s the first time and 0.14 s from then on; on numpy 1.2 s.
 
     chain.run(u=image)          # chain.runs_on == "numpy"
     chain.run(u=large)          # "opencl", from the pass on that is expected to pay
