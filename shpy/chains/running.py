@@ -71,7 +71,8 @@ class Run:
 
     A loop also tests `holds_back`: a kernel that has ready elements was held back. `open` lets such kernels run.
     `once` is true outside repeats and loops, where no bound run is kept for another execution. `numbers` has the
-    numbers of passes, which take precedence over other streams of these names.
+    numbers of passes, which take precedence over other streams of these names. `started` counts the kernels that were
+    started, and `share` is the part of the chain that is done, 0 where that is unknown.
     """
 
     def __init__(
@@ -101,9 +102,9 @@ class Run:
         self._plans: dict[Node, tuple[list[Any], dict[tuple[Any, ...], _BoundRuns]]] = {}
         self._pending: list[Callable[[], None]] = []
         self.watches: list[Watch] = []
-        self.watch: Callable[[float], None] | None = None
-        """A function that is told after each start which share of the chain is done, 0 where that is unknown."""
-        self.started, self._share, self._ahead = 0, 0.0, 1
+        self.watch: Callable[[Run], None] | None = None
+        """A function that is called after each start."""
+        self.started, self.share, self._ahead = 0, 0.0, 1
         self.holds_back = False
         self.open = False
         self.once = True
@@ -248,7 +249,7 @@ class Run:
     def passed(self, node: Node, share: float) -> None:
         """Note which share of a part is done, if it is the whole chain."""
         if node is self._node:
-            self._share = share
+            self.share = share
 
     def _start(self, runs: list[Callable[[], None]]) -> None:
         """Start runs. Where each start is watched they become more and more, since the first may take long."""
@@ -256,7 +257,7 @@ class Run:
         self.started += len(runs)
         if self.watch is not None:
             self._ahead = min(2 * self._ahead, _AHEAD)
-            self.watch(self._share)
+            self.watch(self)
 
     def _plan(self, node: Node) -> _BoundRuns:
         plan = _BoundRuns()

@@ -76,9 +76,10 @@ class Takeover:
         if self._better and not self._is_small(run):
             return self._run_better(begin)
         if not self._better and self._refusal is None and run.elements:
-            run.watch = self._watch(run)
+            run.watch = self._watch(run.elements)
         with suppress(Paid):
             return run.result()
+        del run  # its streams, before OpenCL has its own
         return self._run_better(begin)
 
     def _is_small(self, run: Run) -> bool:
@@ -86,17 +87,16 @@ class Takeover:
         self._was_small = tiers.is_brief(run.elements * self._rate)
         return self._was_small
 
-    def _watch(self, run: Run) -> Callable[[float], None]:
-        """Return the function to which a run on numpy tells its share that is done, or 0; it raises Paid."""
+    def _watch(self, elements: int) -> Callable[[Run], None]:
+        """Return the function that raises Paid in the middle of a run on numpy. It does not hold the run's memory."""
         start = last = time.thread_time()
-        elements = run.elements
 
-        def watch(share: float) -> None:
+        def watch(run: Run) -> None:
             nonlocal last
             now = time.thread_time()
             self._spent, last = self._spent + now - last, now
             self._rate = (now - start) / (elements * run.started)
-            rest = (now - start) * (1 - share) / share if share else 0.0
+            rest = (now - start) * (1 - run.share) / run.share if run.share else 0.0
             if self._pays(run, self._spent + rest):
                 raise Paid
 

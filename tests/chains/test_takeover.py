@@ -1,5 +1,6 @@
 """Chains under the backend "auto": numpy's bits before, while and after OpenCL takes over, and results on numpy."""
 
+import gc
 import pickle
 import threading
 
@@ -9,6 +10,7 @@ import pytest
 import shpy as sh
 from shpy.backend.opencl.device import building as opencl
 from shpy.chains import takeover
+from shpy.chains.running import Run
 from shpy.run import tiers
 from shpy.testing.arrays import flat_leaves
 
@@ -213,3 +215,16 @@ def test_threads_and_copies_in_other_processes(eager):
     assert results == [expected] * 6
     assert chain.runs_on == "opencl"
     assert pickle.loads(pickle.dumps(chain)).runs_on == "numpy"
+
+
+def test_no_run_holds_memory_after_its_end(eager):
+    chain = sh.repeat(smooth, 6)
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in range(3):
+            chain.run(u=FIELD)
+            assert not [it for it in gc.get_objects() if isinstance(it, Run)]
+    finally:
+        gc.enable()
+    assert chain.runs_on == "opencl"
