@@ -234,8 +234,8 @@ def chains(results: Results) -> list[str | Rows]:
         *section("What do chains and collective operations cost?", results, *CHAINS, *COLLECTIVES),
         "Chains: 500 steps of Jacobi's iteration at 1,024 x 1,024, and 50 steps that sort and count 65,536 "
         "particles, for which numba has a counting sort written by hand. Collective "
-        "operations: over ten million numbers. Streams that name no backend lie on numpy: so do the plain ones of all but "
-        "Jacobi's iteration, which is a chain over an array.",
+        "operations: over ten million numbers. Streams that name no backend lie on numpy: so do the plain ones of all "
+        "but Jacobi's iteration, which is a chain over an array.",
         [[label, *(cell for rows, empty in cells for cell in rows.get(label, empty))] for label in labels],
     ]
 
