@@ -189,3 +189,33 @@ def test_ctrl_c_while_pyopencl_is_imported_ends_the_process_by_sigint(tmp_path):
     )
     assert ended.returncode == -signal.SIGINT, ended.stderr
     assert ended.stderr.rstrip().endswith("KeyboardInterrupt")
+
+
+@pytest.mark.parametrize("part", [range(0, 90, 6), pytest.param(range(90), marks=pytest.mark.slow)], ids=["few", "all"])
+def test_ctrl_c_at_a_line_of_the_takeover_of_a_chain_ends_its_run(eager, monkeypatch, part):
+    """The next run has the bits of numpy, on whichever backend it is."""
+    monkeypatch.setenv("SHPY_BACKEND", "auto")
+    monkeypatch.setattr(registry, "_default", None)
+    few = X[:500]
+    expected = sh.repeat(wave, 3).run(x=few, backend="numpy").streams["x"].numpy().tobytes()
+
+    def run(chain, at=None):
+        interrupts, before = Interrupts(at), sys.gettrace()
+        sys.settrace(interrupts)
+        try:
+            chain.run(x=few)
+        finally:
+            sys.settrace(before)
+        return interrupts
+
+    chain = sh.repeat(wave, 3)
+    own = [line for line in run(chain).lines if line[0].endswith("chains/takeover.py")]
+    assert chain.runs_on == "opencl"
+    assert 40 < len(own) < 90
+    for line in (own[k] for k in part if k < len(own)):
+        chain = sh.repeat(wave, 3)
+        with pytest.raises(KeyboardInterrupt):
+            run(chain, line)
+        for _ in range(2):
+            assert chain.run(x=few).streams["x"].numpy().tobytes() == expected, line
+        assert chain.runs_on == "opencl", (line, chain.notes)
