@@ -137,6 +137,18 @@ def test_types_several_tables_discards_and_loops_give_the_bits_of_numpy(
             assert expected.tobytes() == answer.tobytes(), program
 
 
+def test_names_of_the_kernels_own_variables() -> None:
+    @sh.program
+    def many(x: sh.Table[sh.Attrib1f, 2], y: sh.Table[sh.Attrib1f, 2], end: sh.Attrib1f, last: sh.Attrib1f) -> Any:
+        i = sh.grid_index(2)
+        beside = {"x": x[i + (0, 1)] + end, "y": y[i - (1, 0)] * last, "end": x[i] - y[i], "last": end, "start": x[i]}
+        return beside | {"corner": last + 1, "inside": x[i + (2, 0)], "packet": y[i + (0, 3)]}
+
+    a, b = RNG.random((2, 9, 150), np.float32)
+    expected, answers = (many.compile(name)(a, b, b, a) for name in ("numpy", "opencl"))
+    assert {name: x.tobytes() for name, x in answers.items()} == {name: x.tobytes() for name, x in expected.items()}
+
+
 def test_a_chain_gives_the_bits_of_numpy() -> None:
     chain = sh.repeat(single, 7)
     field = RNG.random((70, 300), np.float32)

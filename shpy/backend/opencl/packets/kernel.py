@@ -392,14 +392,16 @@ class PacketMaker(KernelMaker):
         It is the first column, whether the line is among these lines, and the column behind the last packet, which is
         at most `end`.
         """
-        first, tests = 0, list[Expr]()
-        for name, ((above, below), (before, behind)) in self.around.items():
+        first, tests = (
+            0,
+            [tree.infix(">=", y, number(max(0, *(-above for (above, _), _ in self.around.values()))), BOOL)],
+        )
+        for name, ((_, below), (before, behind)) in self.around.items():
             lines, columns = (
                 tree.call("min", INT, *[Member(INT, e, axis) for e in (self.size_names[name], self.grid[SHAPE])])
                 for axis in "xy"
             )
-            tests.append(tree.infix(">=", y, number(-above), BOOL))
-            tests.append(tree.infix("<", y, tree.infix("-", lines, number(below)), BOOL))
+            tests.append(tree.infix("<", y, tree.infix("-", lines, number(below)) if below > 0 else lines, BOOL))
             first = max(first, -before)
             end = tree.call("min", INT, end, tree.infix("-", columns, number(behind)) if behind > 0 else columns)
         return first, reduce(lambda a, b: tree.infix("&&", a, b, BOOL), tests), end
