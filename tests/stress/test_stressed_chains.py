@@ -4,6 +4,7 @@ import random
 
 import numpy as np
 import pytest
+from backends.running import differs
 from chains.test_chains import ALL, OneByOne, built, count_up, counted, move, swing, tick, wear
 from chains.test_shares import check as check_share, is_alive
 from stress.mode import stressed
@@ -41,7 +42,8 @@ def settle(n: sh.Attrib1i, v: sh.Attrib1f):
 
 @sh.program
 def curve(x: sh.Attrib1f, v: sh.Attrib1f):
-    """Compute with elementary functions; v stays within 1."""
+    """Compute with elementary functions; v stays within 1. Of large v, exp10 and erfc give denormals and infinities."""
+    v = sh.clamp(v, -2, 2)
     y = sh.hypot(sh.cbrt(x), sh.log1p(abs(v))) - sh.expm1(-abs(v)) * sh.exp10(v)
     return {"x": y, "v": 0.5 * sh.erf(x) * sh.cospi(v) + 0.25 * sh.sinpi(x) * sh.erfc(v)}
 
@@ -111,12 +113,10 @@ def check(number, precision="f32"):
             executions = {n: k for n, k in result.executions.items() if k}
             counts = {n: k for n, k in result.counts.items() if result.executions[n]}
         for name, array in found.items():
-            wanted = expected.arrays[name]
-            bits = f"i{wanted.itemsize}"
-            assert array.dtype == wanted.dtype
-            np.testing.assert_array_equal(
-                array.view(bits), wanted.view(bits), f"chain {number}, {backend}, {name}: {drawn}"
-            )
+            assert array.dtype == expected.arrays[name].dtype
+            # Chains reach infinity minus infinity, and no backend promises the sign of a NaN.
+            places = np.flatnonzero(differs(array, expected.arrays[name]))
+            assert not places.size, f"chain {number}, {backend}, {name} at {places[:9]}: {drawn}"
         assert (backend, executions, counts) == (backend, expected.executions, expected.counts)
 
 
