@@ -4,6 +4,7 @@ import gc
 import pickle
 import threading
 
+import dask.array as dask_array
 import numpy as np
 import pytest
 
@@ -215,6 +216,14 @@ def test_threads_and_copies_in_other_processes(eager):
     assert results == [expected] * 6
     assert chain.runs_on == "opencl"
     assert pickle.loads(pickle.dumps(chain)).runs_on == "numpy"
+
+
+@pytest.mark.parametrize("scheduler", ["synchronous", "threads"])
+def test_blocks_of_dask_arrays_have_the_bits_of_one_run(eager, scheduler):
+    field = RNG.random((90, 120), np.float32)
+    blocks = sh.map_overlap(sh.repeat(smooth, 4), {"u": dask_array.from_array(field, chunks=(40, 50))})["u"]
+    expected = sh.repeat(smooth, 4).run(u=field, backend="numpy").streams["u"].numpy()
+    assert blocks.compute(scheduler=scheduler).tobytes() == expected.tobytes()
 
 
 def test_no_run_holds_memory_after_its_end(eager):
