@@ -149,13 +149,13 @@ def test_mistakes_are_the_callers_and_change_nothing(eager):
     chain.run(total=FIELD, n=2)
     assert chain.runs_on == "opencl"
     for inputs in ({"total": FIELD}, {"total": FIELD, "n": 2, "other": 3}, {"total": FIELD, "n": np.ones(4, np.int32)}):
-        said = []
+        messages = []
         for backend in (None, "numpy"):
             with pytest.raises(sh.ShpyTypeError) as raised:
                 chain.run(**inputs, backend=backend)
             assert raised.value.__context__ is None
-            said.append(str(raised.value))
-        assert said[0] == said[1]
+            messages.append(str(raised.value))
+        assert messages[0] == messages[1]
         assert chain.runs_on == "opencl"
 
 
@@ -177,7 +177,7 @@ def test_numpy_stays_where_opencl_may_not_cannot_or_is_slower(eager, monkeypatch
     def refuse(*_):
         raise RuntimeError("out of resources")
 
-    said = {
+    reason = {
         "refused": "opencl does not take it (RuntimeError: out of resources)",
         "missing": "there is no opencl here",
         "inexact": "opencl's device gets denormals wrong",
@@ -202,7 +202,7 @@ def test_numpy_stays_where_opencl_may_not_cannot_or_is_slower(eager, monkeypatch
     for _ in range(3):
         assert contents(chain.run(x=FIELD)) == expected
     assert chain.runs_on == "numpy"
-    assert chain.notes == (f"runs on numpy: {said}",)
+    assert chain.notes == (f"runs on numpy: {reason}",)
 
 
 def test_threads_and_copies_in_other_processes(eager):
