@@ -1,7 +1,9 @@
 """Chains under the backend "auto": numpy's bits before, while and after OpenCL takes over, and results on numpy."""
 
 import gc
+import importlib
 import pickle
+import sys
 import threading
 
 import dask.array as dask_array
@@ -237,3 +239,28 @@ def test_no_run_holds_memory_after_its_end(eager):
     finally:
         gc.enable()
     assert chain.runs_on == "opencl"
+
+
+EDITED = """\
+import shpy as sh
+
+@sh.program
+def scale(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x * {factor}
+
+chain = sh.repeat(scale, 3)
+"""
+
+
+def test_an_edited_file_is_another_chain(eager, monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    for factor, expected in ((2.0, 8.0), (3.125, 30.517578125)):
+        (tmp_path / "edited_chain.py").write_text(EDITED.format(factor=factor))
+        importlib.invalidate_caches()
+        sys.modules.pop("edited_chain", None)
+        chain = importlib.import_module("edited_chain").chain
+        for _ in range(2):
+            assert chain.run(x=np.ones(9)).streams["x"].numpy()[0] == expected
+        assert chain.runs_on == "opencl"
+    del sys.modules["edited_chain"]
