@@ -126,17 +126,17 @@ def overlap(one: Memory, other: Memory) -> bool:
     return bool(whole == others_whole and max(begin, others_begin) < min(end, others_end))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class TableMemory:
-    """Data of a table that lie in a stream: `shape` elements of `memory`."""
+    """Data of a table that lie in a stream: `shape` elements of `memory`. Nothing changes it, see `Call`."""
 
     memory: Memory
     shape: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class DeviceCall:
-    """One run over `shape` elements, all in memory of the device.
+    """One run over `shape` elements, all in memory of the device. Nothing changes it, see `Call`.
 
     `inputs` are in the entry's order, each with n elements, or with one that all share; `outputs` have n. An executable
     that does not write all elements needs `status`, n ints: an output is undefined where the status is not WRITTEN. An

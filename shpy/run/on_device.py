@@ -37,9 +37,9 @@ def check_places(values: Iterable[Any], place: Place, name: str) -> None:
             )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PreparedCall:
-    """The call, and the leaves of the outputs with the memory that the call writes for each."""
+    """The call, and the leaves of the outputs with the memory that the call writes for each. Nothing changes it."""
 
     call: DeviceCall
     targets: tuple[StreamLeaf, ...]

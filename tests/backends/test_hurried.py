@@ -132,6 +132,17 @@ def test_runs_that_are_bound_before_take_the_second_build_too(hurried):
     np.testing.assert_array_equal(kernel(sh.Stream(X, sh.Attrib1f, "opencl")).numpy(), by_numpy(X))
 
 
+def test_streams_that_share_the_kernel_object_take_the_second_build_too(hurried):
+    kernel, pays = hurried
+    many = np.tile(X, 4)
+    for scale, second in ((1.5, False), (2.5, True), (0.5, True)):
+        expected = [by_numpy(x, scale) for x in (X, many)]
+        pays(second)
+        for x, y in zip((X, many, X), (*expected, expected[0]), strict=True):
+            np.testing.assert_array_equal(kernel(sh.Stream(x, sh.Attrib1f, "opencl")).numpy(), y)
+        assert (HURRIED in kernel.notes) is not second
+
+
 @pytest.mark.parametrize(
     "error", [lambda machine: machine.cl.Error("out of memory"), lambda machine: sh.BackendUnavailable("disk is full")]
 )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
+from shpy.backend.opencl.device import run
 from shpy.testing.arrays import flat_leaves
 
 
@@ -81,3 +82,32 @@ def test_each_call_has_its_own_outputs(program: sh.Program[Any, Any], backend: s
     for call in (kernel, lambda x: kernel.run(x).outputs, program.compile(backend)):
         found = [call(x) for x in given]
         assert [[leaf.tolist() for leaf in flat_leaves(outputs)] for outputs in found] == wanted
+
+
+SHIFT = sh.Param(sh.Attrib2i, (0, 0))
+
+
+@sh.program
+def around(x: sh.Table[sh.Attrib1i, 2], y: sh.Attrib1i, z: sh.Attrib1i) -> sh.Attrib1i:
+    """The sum of two elements, the number of their place, and the element of the table at that place plus SHIFT."""
+    at = sh.grid_index(2)
+    return y + z + 1000 * at.x + at.y + x[at + SHIFT]
+
+
+@pytest.mark.parametrize("lanes", [1, 16])
+def test_runs_of_several_shapes_take_turns(lanes: int) -> None:
+    """More shapes than a kernel keeps launches of, twice, with other params, each over streams and over arrays."""
+    kernel = sh.Program(around.recorded).compile("opencl", lanes=lanes)
+    rng = np.random.default_rng(0)
+    shapes = [(1 + k % 9, 1 + k) for k in range(run._LAUNCHES + 6)] + [(40, 70), (300, 400)]
+    for shift in ((0, 0), (1, -2)):
+        SHIFT.value = shift
+        for shape in shapes:
+            x, y, whole = rng.integers(-100, 100, (3, *shape), np.int32)
+            rows, columns = (np.clip(np.arange(n) + k, 0, n - 1) for n, k in zip(shape, shift, strict=True))
+            numbers = 1000 * np.arange(shape[0])[:, None] + np.arange(shape[1])
+            for z in (whole, whole[:1, :1]):
+                expected = y + z + numbers + x[rows][:, columns]
+                np.testing.assert_array_equal(kernel(x, y, z), expected)
+                streams = [sh.Stream(array, sh.Attrib1i, "opencl") for array in (x, y, z)]
+                np.testing.assert_array_equal(kernel(*streams).numpy(), expected)
