@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 import shpy as sh
 
@@ -25,15 +26,23 @@ def chosen_backend(name: str | None, *, shares_cores: bool = False) -> str:
 
 
 def chosen_meanwhile(name: str | None) -> Callable[[], str]:
-    """Return a function that waits for `chosen_backend(name)`, which a thread of its own asks where that may take long.
+    """Return a function that waits for `chosen_backend(name)`; a thread of its own opens the device.
 
-    The first build of a process takes PoCL 0.6 to 0.9 s, in which it needs no Python. A cold `raytracer render mixed`
-    takes 0.88 of its time (0.82 to 0.91) if the scene is read and laid out meanwhile, 0.49 of numpy's. This may go when
-    the first build takes less than 0.1 s.
+    The first build of a process takes PoCL 0.5 to 0.9 s, in which it needs no Python. A cold `raytracer render mixed`
+    takes 0.88 of its time (0.82 to 0.91) if the scene is read and laid out meanwhile, 0.49 of numpy's; the first sample
+    of it by `--integrator path --backend opencl` takes 0.77. This may go when the first build takes less than 0.1 s.
     """
-    if name not in (None, "auto") or sh.default_backend().pinned:
-        return lambda: chosen_backend(name)
     pool = ThreadPoolExecutor(1, "raytracer-device")
     answer = pool.submit(chosen_backend, name)
+    pool.submit(open_backend, name)
     pool.shutdown(wait=False)
     return answer.result
+
+
+def open_backend(name: str | None) -> str:
+    """Return `chosen_backend(name)`, whose device is open then."""
+    chosen = chosen_backend(name)
+    if chosen != "numpy":
+        with suppress(sh.ShpyError):  # which the kernel of the picture meets, too
+            sh.Stream.empty(1, sh.Attrib1f, chosen)
+    return chosen

@@ -23,6 +23,7 @@ from typing import Any
 import shpy as sh
 from raytracer import viewing
 from raytracer.animation import ANIMATIONS, Make, animate, made_by, mistakes_in, spread
+from raytracer.backends import open_backend
 from raytracer.denoising import check_denoising, denoised
 from raytracer.errors import ClusterError, SceneError
 from raytracer.gallery import SIZE, gallery
@@ -61,7 +62,7 @@ def _run(arguments: Sequence[str] | None) -> int:
             warnings.simplefilter("always", sh.ShpyWarning)
             warnings.showwarning = _show
             with ThreadPoolExecutor(1, "raytracer-device") as meanwhile:
-                meanwhile.submit(_name_backend, options)
+                meanwhile.submit(_open_backend, options)
                 return int(options.run(options))
     except BrokenPipeError:
         raise
@@ -70,13 +71,14 @@ def _run(arguments: Sequence[str] | None) -> int:
         return 1
 
 
-def _name_backend(options: argparse.Namespace) -> None:
-    """Say why numpy computes, where the user has chosen no backend and OpenCL cannot.
+def _open_backend(options: argparse.Namespace) -> None:
+    """Open the device; say why numpy computes, where the user has chosen no backend and OpenCL cannot.
 
-    A thread does so while the scene is read, since it opens the device. The command itself meets the errors.
+    A thread does so while the scene is read. The command itself meets the errors.
     """
-    if options.run in (_render, _animate, _gallery, _tradeoff) and options.backend is None:
-        chosen = sh.default_backend(long=True)
+    if options.run in (_render, _animate, _gallery, _tradeoff):
+        open_backend(options.backend)
+        chosen = None if options.backend else sh.default_backend(long=True)
         if chosen == "numpy" and not chosen.pinned:
             print(f"raytracer: numpy computes: {chosen.why}", file=sys.stderr)
 

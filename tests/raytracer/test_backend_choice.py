@@ -35,6 +35,31 @@ def test_a_scene_is_laid_out_while_the_device_opens(monkeypatch):
     assert renderer.builds == 1
 
 
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_a_device_that_the_caller_names_opens_meanwhile(monkeypatch, backend):
+    begun, opened, lay_out = threading.Event(), threading.Event(), renderers.laid_out
+    opening, empty = [], sh.Stream.empty
+
+    def laid_out(*args):
+        begun.set()
+        assert opened.wait(HANGING)
+        return lay_out(*args)
+
+    def stream(shape, type_, backend=None, *options):
+        if not opened.is_set():
+            opening.append((backend, threading.current_thread()))
+            assert begun.wait(HANGING)
+            opened.set()
+        return empty(shape, type_, backend, *options)
+
+    monkeypatch.setattr(renderers, "laid_out", laid_out)
+    monkeypatch.setattr(sh.Stream, "empty", stream)
+    assert Renderer(Scene.builtin("boxes"), backend=backend).backend == backend
+    ((name, thread),) = opening
+    assert name == backend
+    assert thread is not threading.current_thread()
+
+
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("options", [{}, {"accel": "ldc:16"}])
 def test_numpy_takes_the_tables_where_opencl_cannot(monkeypatch, options):
@@ -53,3 +78,8 @@ def test_errors_of_the_choice_are_those_of_the_caller(monkeypatch):
     monkeypatch.setenv("SHPY_BACKEND", "nonsense")
     with pytest.raises(sh.BackendUnavailable, match="SHPY_BACKEND names no backend"):
         Renderer(Scene.builtin("boxes"))
+
+
+def test_errors_of_a_device_that_the_caller_names_are_those_of_the_kernel():
+    with pytest.raises(sh.ShpyError, match="'nonsense'"):
+        Renderer(Scene.builtin("boxes"), backend="nonsense")
