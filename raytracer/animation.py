@@ -108,9 +108,8 @@ class _Drawing:
 
     def frame(self, number: int) -> NDArray[np.uint8]:
         """Return the pixels of a frame in sRGB."""
-        scene = self.make(number / self.fps)
-        if not isinstance(scene, Scene):
-            raise SceneError(f"scene({number / self.fps:g}) gives a {type(scene).__name__}, not a raytracer.Scene")
+        time = number / self.fps
+        scene = _checked_scene(self.make(time), time)
         if self.renderer is None:
             self.renderer = Renderer(scene, integrator=self.integrator, backend=self.backend)
         else:
@@ -179,13 +178,19 @@ class SceneFunction:
         return SceneFunction, (self.path, self.text, self.folder)
 
     def __call__(self, time: float) -> Scene:
-        """Return the scene of a time; SceneError where the function fails."""
+        """Return the scene of a time; SceneError where the function fails or gives something else."""
         assert callable(self.make)  # else it would not have been made
         try:
             scene: Scene = self.make(time)
-            return scene
         except Exception as error:
             raise _mistake(self.path, error) from error
+        return _checked_scene(scene, time)
+
+
+def _checked_scene(scene: Any, time: float) -> Scene:
+    if not isinstance(scene, Scene):
+        raise SceneError(f"scene({time:g}) gives a {type(scene).__name__}, not a raytracer.Scene")
+    return scene
 
 
 @contextmanager

@@ -9,13 +9,15 @@ Stage: the command line.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import shpy as sh
 from raytracer import viewing
+from raytracer.animation import ANIMATIONS, Make, made_by
 from raytracer.meshes.folder import shown
 from raytracer.scene.loading import Contents, load_contents
-from raytracer.scene.scene import furnished
+from raytracer.scene.scene import Scene, furnished
 from raytracer.scenes import SCENES
 
 
@@ -23,18 +25,32 @@ def scenes(options: argparse.Namespace) -> int:
     """List the built-in scenes, or the meshes, cameras and variants of a scene or file; return 0."""
     if options.scene is not None:
         path = Path(options.scene)
-        contents = load_contents(path) if viewing.is_file(path) and options.scene not in SCENES else None
-        scene = viewing.find_scene(options.scene) if contents is None else furnished(contents, path.stem)
-        width = max(len(shown(mesh.name)) for mesh in scene.meshes)
+        make, contents = _moving(options.scene, path), None
+        if make is None and viewing.is_file(path) and options.scene not in SCENES:
+            contents = load_contents(path)
+            scene = furnished(contents, path.stem)
+        else:
+            scene = viewing.find_scene(options.scene) if make is None else make(0.0)
+        width = max((len(shown(mesh.name)) for mesh in scene.meshes), default=0)
         for mesh in scene.meshes:
             print(f"{shown(mesh.name):{width}}  {len(mesh):,} triangles")
+        if make is not None:
+            print("a function of the time, listed at 0 seconds")
         if contents is not None:
             _list_choices(contents)
         return 0
-    width = max(map(len, SCENES))
-    for name, make in SCENES.items():
-        print(f"{name:{width}}  {(make.__doc__ or '').splitlines()[0].removeprefix('Return ')}")
+    makers: dict[str, Callable[..., Scene]] = {**SCENES, **ANIMATIONS}
+    width = max(map(len, makers))
+    for name, make in makers.items():
+        when = ", a function of the time" if name in ANIMATIONS else ""
+        text = (make.__doc__ or "").splitlines()[0].removeprefix("Return ").removesuffix(".")
+        print(f"{name:{width}}  {text[:1].upper()}{text[1:]}{when}.")
     return 0
+
+
+def _moving(name: str, path: Path) -> Make | None:
+    """Return the function of the time that a name or a Python file stands for; None for a scene that stands still."""
+    return ANIMATIONS.get(name) or (made_by(path) if path.suffix.lower() == ".py" else None)
 
 
 def _list_choices(contents: Contents) -> None:

@@ -11,6 +11,7 @@ from pages import wait_until
 
 import shpy as sh
 from raytracer import Image, Scene, SceneError, cli, gallery, memory, progress, render, rendering
+from raytracer.animation import ANIMATIONS
 from raytracer.scenes import SCENES
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
@@ -118,7 +119,7 @@ def test_ctrl_c_leaves_no_file(tmp_path, monkeypatch, capsys):
 def test_scenes_lists_them_all(capsys):
     assert cli.main(["scenes"]) == 0
     out = capsys.readouterr().out
-    assert [line.split()[0] for line in out.splitlines()] == list(SCENES)
+    assert [line.split()[0] for line in out.splitlines()] == [*SCENES, *ANIMATIONS]
     assert "61,562 triangles" in out
 
 
@@ -127,6 +128,33 @@ def test_scenes_lists_the_meshes_of_a_file(tmp_path, capsys):
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\no sail\nf 1 2 3\no flag\nf 1 3 2\n")
     assert cli.main(["scenes", str(path)]) == 0
     assert capsys.readouterr().out == "sail   1 triangles\nflag   1 triangles\nfloor  2 triangles\n"
+
+
+def test_scenes_lists_scenes_that_move(tmp_path, capsys):
+    assert cli.main(["scenes", "animated"]) == 0
+    assert "sphere  2,208 triangles" in capsys.readouterr().out
+    path = tmp_path / "moving.py"
+    path.write_text('import raytracer as rt\n\n\ndef scene(time):\n    return rt.Scene.builtin("boxes")\n')
+    assert cli.main(["scenes", str(path)]) == 0
+    assert capsys.readouterr().out == 3 * "box  12 triangles\n" + "a function of the time, listed at 0 seconds\n"
+
+
+@pytest.mark.parametrize("command", [["scenes"], ["render", "--time", "0"], ["animate"]], ids=lambda c: c[0])
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("def scene(time):\n    return 3\n", "scene(0) gives a int, not a raytracer.Scene"),
+        ("def scene(time):\n    return 1 / time\n", "moving.py:2: ZeroDivisionError"),
+        ("x = 1\n", "defines no function scene"),
+    ],
+    ids=["another-type", "mistake", "no-function"],
+)
+def test_mistakes_in_a_file_of_a_moving_scene(tmp_path, monkeypatch, capsys, command, text, error):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "moving.py").write_text(text)
+    assert cli.main([*command, "moving.py"]) == 1
+    assert error in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir() if path.name != "__pycache__"] == ["moving.py"]
 
 
 def test_doctor_names_backends_and_packages(capsys):
