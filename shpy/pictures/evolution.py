@@ -25,7 +25,7 @@ from shpy.lang.recording.location import here
 from shpy.programs import Program
 from shpy.run.host import common_shape, inputs as host_inputs
 from shpy.streams.elements import Shape
-from shpy.streams.stream import Stream
+from shpy.streams.stream import Stream, streams_in
 
 
 class Evolution:
@@ -42,7 +42,8 @@ class Evolution:
     ) -> None:
         """Begin with `streams`, by name; raises ShpyTypeError for a name that neither the chain nor `show` has.
 
-        `size` is (width, height); without it that of the first stream that has two axes, else (512, 512).
+        `size` is (width, height); without it that of the first stream that has two axes, else (512, 512). Without a
+        `backend`, a chain over arrays goes on with OpenCL once that pays (`chains.takeover`), and a Stream pins it.
         """
         names = {*stream_names(chain.steps), *(show.inputs if show else ())}
         unknown = [name for name in streams if name not in names]
@@ -59,7 +60,10 @@ class Evolution:
 
     def step(self, moment: Moment) -> None:
         """Run the chain once."""
-        self._streams |= stepped(self._chain, moment, self._streams, self._backend)
+        written = stepped(self._chain, moment, self._streams, self._backend)
+        is_free = self._backend is None and next(streams_in(iter(self._first.values())), None) is None
+        for name, stream in written.items():
+            self._streams[name] = stream.numpy() if is_free and stream.backend == "numpy" else stream
 
     def picture(self, moment: Moment) -> Any:
         """Return the output of `show` for the present streams; without it the last stream that the chain writes."""

@@ -14,6 +14,8 @@ import shpy as sh
 from shpy.backend.opencl.device import building as opencl
 from shpy.chains import takeover
 from shpy.chains.running import Run
+from shpy.display.screen import Moment
+from shpy.pictures.evolution import Evolution
 from shpy.run import tiers
 from shpy.testing.arrays import flat_leaves
 
@@ -264,3 +266,44 @@ def test_an_edited_file_is_another_chain(eager, monkeypatch, tmp_path):
             assert chain.run(x=np.ones(9)).streams["x"].numpy()[0] == expected
         assert chain.runs_on == "opencl"
     del sys.modules["edited_chain"]
+
+
+def evolved(chain, values, frames, **options):
+    """Return the bits of each frame's streams of an evolution, and the chain's backend after it."""
+    evolution, moment = Evolution(chain, None, values, **options), Moment((5, 4))
+    frame_bits = []
+    for _ in range(frames):
+        evolution.step(moment)
+        arrays = (s.numpy() if isinstance(s, sh.Stream) else s for s in evolution._streams.values())
+        frame_bits.append([np.asarray(leaf).tobytes() for array in arrays for leaf in flat_leaves(array)])
+    return frame_bits, chain.runs_on
+
+
+@pytest.mark.parametrize("case", ["repeat", "loop", "struct", "index"])
+def test_animations_and_widgets_go_on_with_opencl(eager, case):
+    chain, inputs = CASES[case][0](), CASES[case][1]
+    expected, _ = evolved(chain, inputs, 4, backend="numpy")
+    assert evolved(chain, inputs, 4) == (expected, "opencl")
+
+
+def test_a_stream_or_a_compiled_kernel_pins_an_animation(eager):
+    chain = sh.repeat(smooth, 9)
+    expected, _ = evolved(chain, {"u": FIELD}, 3, backend="numpy")
+    assert evolved(chain, {"u": sh.Stream(FIELD, sh.Attrib1f, "numpy")}, 3) == (expected, "numpy")
+    compiled = sh.repeat(smooth.compile("opencl"), 9)
+    evolution = Evolution(compiled, None, {"u": FIELD})
+    for frame in expected:
+        evolution.step(Moment((5, 4)))
+        assert evolution._streams["u"].backend == "opencl"  # it is not copied between frames
+        assert [evolution._streams["u"].numpy().tobytes()] == frame
+
+
+def test_an_animation_without_a_backend_has_the_frames_of_numpy(eager, tmp_path):
+    @sh.program
+    def brown(u: sh.Attrib1f) -> sh.Color3f:
+        return sh.Color3f(u, u * 0.5, u * u)
+
+    for backend in (None, "numpy"):
+        chain = sh.repeat(smooth, 5)
+        sh.animate(chain, tmp_path / f"{backend}.gif", frames=4, show=brown, u=FIELD, backend=backend)
+    assert (tmp_path / "None.gif").read_bytes() == (tmp_path / "numpy.gif").read_bytes()
