@@ -132,6 +132,35 @@ def test_runs_that_are_bound_before_take_the_second_build_too(hurried):
     np.testing.assert_array_equal(kernel(sh.Stream(X, sh.Attrib1f, "opencl")).numpy(), by_numpy(X))
 
 
+@sh.program
+def smooth(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
+    i = sh.grid_index(2)
+    return SCALE * (u[i + (0, 1)] + u[i - (0, 1)] + u[i + (1, 0)] + u[i - (1, 0)])
+
+
+def test_a_stencil_begins_a_run_with_the_first_build_and_ends_it_with_the_second(hurried, monkeypatch):
+    """Its work items compute the packets of a line each, of which the last ones may be few."""
+    _, pays = hurried
+    SCALE.value = 0.3
+    for shape in ((33, 700), (200, 1030), (70, 1100)):
+        kernel = sh.Program(smooth.recorded).compile("opencl")
+        assert kernel._executable.kernel.packets > 1
+        u = np.random.default_rng(0).random(shape, np.float32)
+        expected = smooth.compile("numpy")(u, shape=shape)
+
+        def parts(self, rows, width=1, least=1):
+            for first in range(0, rows, 2):
+                yield first, min(2, rows - first)
+                pays(first > rows // 3)
+
+        pays(False)
+        with monkeypatch.context() as patched:
+            patched.setattr(Watch, "parts", parts)
+            np.testing.assert_array_equal(kernel(u, shape=shape), expected)
+        assert HURRIED not in kernel.notes
+        np.testing.assert_array_equal(kernel(sh.Stream(u, sh.Attrib1f, "opencl"), shape=shape).numpy(), expected)
+
+
 def test_streams_that_share_the_kernel_object_take_the_second_build_too(hurried):
     kernel, pays = hurried
     many = np.tile(X, 4)
