@@ -1,6 +1,20 @@
 // `last` is the greatest key, where keys have a bound: the others are clamped. A digit is one of `radix`, at most MOST.
+// Loops over digits that change a table are not unrolled: equal digits often follow each other, and processors foresee
+// that an instruction reads what it has just written.
 inline WORD key(WORD x, uint last) {
     return KEY;
+}
+
+// Compute the digits of up to BLOCK keys from `first` on; return how many there are. A processor does so in vectors.
+inline uint digits(__global const WORD *given, uint first, uint end, uint shift, uint radix, uint last, uint *digit) {
+    uint count = min(end - first, (uint)BLOCK);
+    if (count == BLOCK)
+        for (uint k = 0; k < BLOCK; ++k)
+            digit[k] = (key(given[first + k], last) >> shift) & (radix - 1);
+    else
+        for (uint k = 0; k < count; ++k)
+            digit[k] = (key(given[first + k], last) >> shift) & (radix - 1);
+    return count;
 }
 
 __kernel void count_digits(__global const WORD *given, uint n, uint chunk, uint shift, uint radix, uint last,
@@ -40,13 +54,17 @@ __kernel void sum_before(__global uint *counts, uint radix, uint chunks) {
 // where a word stands.
 inline void move_chunk(__global const WORD *given, uint first, uint end, uint shift, uint radix, uint last, uint *at,
                        __global WORD *moved, __global const uint *indices, __global uint *moved_indices) {
-    for (uint i = first; i < end; ++i) {
-        WORD x = given[i];
-        uint to = at[(key(x, last) >> shift) & (radix - 1)]++;
-        if (moved)
-            moved[to] = x;
-        if (moved_indices)
-            moved_indices[to] = indices ? indices[i] : i;
+    uint digit[BLOCK];
+    for (uint i = first; i < end; i += BLOCK) {
+        uint count = digits(given, i, end, shift, radix, last, digit);
+#pragma unroll 1
+        for (uint k = 0; k < count; ++k) {
+            uint to = at[digit[k]]++;
+            if (moved)
+                moved[to] = given[i + k];
+            if (moved_indices)
+                moved_indices[to] = indices ? indices[i + k] : i + k;
+        }
     }
 }
 
@@ -66,8 +84,13 @@ __kernel void sort_digit(__global const WORD *given, uint n, uint shift, uint ra
     uint at[MOST], sum = 0;
     for (uint d = 0; d < radix; ++d)
         at[d] = 0;
-    for (uint i = 0; i < n; ++i)
-        ++at[(key(given[i], last) >> shift) & (radix - 1)];
+    uint digit[BLOCK];
+    for (uint i = 0; i < n; i += BLOCK) {
+        uint count = digits(given, i, n, shift, radix, last, digit);
+#pragma unroll 1
+        for (uint k = 0; k < count; ++k)
+            ++at[digit[k]];
+    }
     for (uint d = 0; d < radix; ++d) {
         uint count = at[d];
         at[d] = sum;
