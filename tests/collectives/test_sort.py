@@ -89,6 +89,20 @@ def test_the_digits_of_devices_with_small_caches_or_stacks(monkeypatch):
     assert_same_bits(own.order(memory, True, None).read(), order_of(bits, True).astype(np.int32))
 
 
+@pytest.mark.parametrize("n", [1, 63, 64, 65, 127, 128, 200, 131_071, 131_137, 262_143])
+def test_blocks_of_digits_end_anywhere(n):
+    """One chunk ends beside a block of digits, or several do; keys are equal, follow each other or are random."""
+    rng = np.random.default_rng(n)
+    rising = np.arange(n) * 4000 // n
+    for keys in (rising, rising + rng.integers(-3, 4, n), rng.integers(-5, 5000, n), np.zeros(n)):
+        x = keys.astype(np.int32)
+        unsorted = stream(x, sh.Attrib1i, "opencl")
+        assert_same_bits(sh.sort(unsorted), np.sort(x))
+        assert_same_bits(sh.argsort(unsorted, descending=True), order_of(x, True).astype(np.int32))
+        clamped = np.clip(x, 0, 4095)
+        assert_same_bits(sh.argsort(unsorted, below=4096), order_of(clamped, False).astype(np.int32))
+
+
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize(("cls", "dtype"), [(sh.Attrib1i, np.int32), (sh.Attrib1u, np.uint32), (sh.Attrib1b, np.bool_)])
 def test_ints_and_bools(moved, cls, dtype):
