@@ -67,9 +67,24 @@ def stacked(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
     return kept[n + 1]
 
 
-def widths(program: sh.Program, native: int, precision: Any = "f32", most_private: int = 1 << 20) -> tuple[int, int]:
+def waving(count: int) -> sh.Program:
+    """A sine after `count` products and sums."""
+
+    @sh.program
+    def wave(x: sh.Attrib1f) -> sh.Attrib1f:
+        for _ in range(count):
+            x = x * x + 1
+        return sh.sin(x)
+
+    return wave
+
+
+def widths(
+    program: sh.Program, native: int, precision: Any = "f32", most_private: int = 1 << 20, math: Any = "strict"
+) -> tuple[int, int]:
     machine: Any = SimpleNamespace(lanes=native, widths=ALL, most_private=most_private)
-    return widths_of(machine, prepare(program.ir, Options(precision=precision), PACKET_TARGET).module, precision)
+    options = Options(precision=precision, math=math)
+    return widths_of(machine, prepare(program.ir, options, PACKET_TARGET).module, precision)
 
 
 @pytest.mark.parametrize("native", [4, 8, 16])
@@ -87,6 +102,12 @@ def test_values_of_programs_that_gather_take_two_registers() -> None:
     assert widths(gathering(15), 16) == (64, 32)
     assert widths(gathering(16), 16) == (32, 32)
     assert widths(gathering(16), 4, "f64") == (4, 4)
+
+
+@pytest.mark.parametrize("math", ["strict", "portable", "relaxed"])
+def test_the_reduction_of_far_angles_leaves_packets_as_wide(math: Any) -> None:
+    assert widths(waving(60), 16, math=math) == (64, 32)
+    assert widths(waving(200), 16, math=math) == (32, 32)
 
 
 def test_packets_whose_local_arrays_do_not_fit_are_narrower() -> None:
