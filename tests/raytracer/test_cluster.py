@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import types
 from contextlib import contextmanager, nullcontext
 from unittest.mock import Mock
@@ -320,14 +321,28 @@ def test_pictures_with_workers_killed_at_twenty_moments_are_the_same(client):
     scene, given = Scene.builtin("cornell"), {"integrator": Path(samples=5, seed=5), "backend": "numpy"}
     wanted = render(scene, (20, 30), **given)
     random = np.random.default_rng(5)
+    started = time.monotonic()
+    assert_same(render(scene, (20, 30), cluster=client, tile_rows=1, **given), wanted)
+    seconds = time.monotonic() - started
     for _ in range(20):
-        client.wait_for_workers(2, timeout=HANGING)
-        pid = int(random.choice(list(client.run(os.getpid).values())))
-        timer = threading.Timer(random.uniform(0, 4), os.kill, (pid, signal.SIGKILL))
+        timer = threading.Timer(random.uniform(0, seconds), os.kill, (random.choice(processes(client)), signal.SIGKILL))
         timer.start()
         found = render(scene, (20, 30), cluster=client, tile_rows=1, **given)
         timer.join()
         assert_same(found, wanted)
+
+
+def processes(client):
+    """Return the processes of two workers that answer: one that was just killed is still listed."""
+    end = time.monotonic() + HANGING
+    while True:
+        client.wait_for_workers(2, timeout=HANGING)
+        try:
+            return [int(pid) for pid in client.run(os.getpid).values()]
+        except OSError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.1)
 
 
 def features():
@@ -347,7 +362,9 @@ def test_a_cluster_of_different_processors_is_the_same_in_strict_and_refused_in_
         Client(cluster) as client,
     ):
         words = [sys.executable, "-m", "dask", "worker", cluster.scheduler_address, "--nthreads", "1", "--no-dashboard"]
-        here = {**os.environ, "PYTHONPATH": os.path.dirname(__file__), "DASK_LOGGING__DISTRIBUTED": "critical"}
+        folder = os.path.dirname(__file__)  # `features` comes from this file, which imports from both folders
+        path = os.pathsep.join([folder, os.path.dirname(folder)])
+        here = {**os.environ, "PYTHONPATH": path, "DASK_LOGGING__DISTRIBUTED": "critical"}
         workers = [subprocess.Popen(words, env={**here, **env}) for env in ({}, narrow)]
         try:
             client.wait_for_workers(2, timeout=HANGING)

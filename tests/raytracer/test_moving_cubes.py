@@ -99,10 +99,10 @@ def test_objects_take_the_options_of_a_cube_that_is_handed_over(made):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("hit", "most"), [("plane", 5), pytest.param("sample", 10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("hit", "most"), [("16:plane", 1.0), ("64:sample", 1.0)])
 def test_the_errors_of_moved_cubes_are_small(hit, most, exact):
-    """Root mean squares, in 255ths, against the exact picture."""
-    renderer, errors = Renderer(scene(), accel=f"ldc:256:{hit}", backend="numpy", bounces=2), []
+    """Root mean squares, in 255ths, against the exact picture; planes of 64 and more texels have none here."""
+    renderer, errors = Renderer(scene(), accel=f"ldc:{hit}", backend="numpy", bounces=2), []
     for number, move in enumerate(MOVES):
         renderer.move(1, move[0])
         renderer.move(2, move[1])

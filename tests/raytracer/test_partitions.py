@@ -283,7 +283,8 @@ def alone(path):
 def test_a_scene_that_no_worker_may_hold_renders_by_parts(tmp_path):
     from dask.distributed import Client, LocalCluster
 
-    code = f"import sys; sys.path.insert(0, {os.path.dirname(__file__)!r}); import test_partitions as t"
+    folder = os.path.dirname(__file__)
+    code = f"import sys; sys.path[:0] = {[folder, os.path.dirname(folder)]!r}; import test_partitions as t"
     words = [sys.executable, "-c", f"{code}; t.alone(sys.argv[1])", str(tmp_path / "alone.npz")]
     needed = int(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
     assert needed > LIMIT

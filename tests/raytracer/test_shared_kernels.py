@@ -228,7 +228,7 @@ def test_no_query_of_a_second_intersector_compiles_anything(backend, accel, monk
 def query(backend, accel, names, monkeypatch):
     """Two meshes have the same kernels, and each its own hits."""
     monkeypatch.setattr(kernel, "_executables", {})
-    small, large = box(), sphere(2.0, rings=20, segments=40)
+    small, large = sphere(1.0, rings=8, segments=12), sphere(2.0, rings=20, segments=40)  # grids of several cells
     ask(Intersector(small, accel=accel, backend=backend), names)
     compiled = list(kernel._executables)
     found = ask(Intersector(large, accel=accel, backend=backend), names)
