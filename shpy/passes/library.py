@@ -48,7 +48,7 @@ PARTS = frozenset({"payne_hanek", "sin_strict", "cos_strict", "tan_strict"})
 """Operations that occur only in definitions: functions that several definitions call."""
 
 SELDOM = frozenset({"payne_hanek"})
-"""Those of PARTS that a branch calls, for few arguments."""
+"""The parts that a branch calls, for few arguments."""
 
 BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
 """Replacements of functions that a target computes within the error bounds for small angles only."""

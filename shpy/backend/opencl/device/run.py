@@ -21,7 +21,7 @@ import math
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -29,11 +29,11 @@ import numpy as np
 from shpy.backend.base import Array, Call, DeviceCall, TableMemory
 from shpy.backend.device.pace import Pace, Watch
 from shpy.backend.device.pool import Recent
+from shpy.backend.opencl.device.arguments import argument, argument_dtype, extents
 from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
 from shpy.backend.opencl.device.memory import MEMORY, own, tables_of
 from shpy.backend.opencl.text.kernel import KernelText
 from shpy.errors import BackendUnavailable, warn
-from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Status, Table
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type, vec
@@ -48,6 +48,8 @@ _SHAPES: Final = 8
 """The most shapes of small runs for which a kernel keeps arrays."""
 _LAUNCHES: Final = 64
 """The most launches that a kernel keeps."""
+_BEGINS: Final = np.int32, np.uint64
+"""The types of the argument by which a dispatch begins: a line of packets, or an element."""
 _WHOLE, _SHARED = np.int32(1), np.int32(0)
 """The argument that tells whether each work item reads an element of its own, or all read one."""
 _ALIGNMENT: Final = 128
@@ -115,8 +117,8 @@ class OpenCLExecutable:
         machine, entry, module = self.machine, self.prepared.module.entry, self.prepared.module
         empty = machine.take(LOCAL_SIZE)
         inputs = [(empty, 0) for _ in self.kernel.inputs]
-        tables = [(empty, _argument(np.ones(t.rank, np.int32))) for t in self.kernel.tables]
-        params = {p.name: np.zeros(p.type.size, _argument_dtype(p.type)) for p in module.params}
+        tables = [(empty, argument(np.ones(t.rank, np.int32))) for t in self.kernel.tables]
+        params = {p.name: np.zeros(p.type.size, argument_dtype(p.type)) for p in module.params}
         leading = self._leading((1,) * self.kernel.grid)
         args = self._arguments(leading, inputs, tables, params, [empty for _ in entry.outputs])
         compiled = machine.kernel(program, self.kernel.name, args)
@@ -219,22 +221,17 @@ class OpenCLExecutable:
         assert len(results) == len(self.prepared.module.entry.outputs)
         with self.machine.lock:
             tables = [self._table(call.tables[table.name], table) for table in self.kernel.tables]
-            buffers = [table[:2] for table in tables]
-            if once:
-                launch = self._launch(call.shape, reads=False)
-                args = self._arguments(launch.leading, inputs, buffers, call.params, results)
-                run: Callable[[], None] = partial(launch.start, args)
-            else:
-                args = self._arguments(self._leading(call.shape), inputs, buffers, call.params, results)
-                run = self._repeated(args, call.shape)
+            launch = self._launch(call.shape, reads=False) if once else None
+            leading = self._leading(call.shape) if launch is None else launch.leading
+            args = self._arguments(leading, inputs, [table[:2] for table in tables], call.params, results)
+            run = self._repeated(args, call.shape) if launch is None else partial(launch.start, args)
         copies = [copy for _, _, copy in tables if copy is not None]
         if not copies:
             return run
 
         def start() -> None:
-            for copy in copies:
-                copy()
-            run()
+            for step in (*copies, run):
+                step()
 
         return start
 
@@ -264,23 +261,23 @@ class OpenCLExecutable:
         padded = self.kernel.lanes > 1 and table.type.size == 3
         if isinstance(data, TableMemory):
             memory = own(data.memory)
-            shape = _extents(data.shape)
+            shape = extents(data.shape)
             if not padded:
                 return memory.buffer, shape, None
             wide = memory.space.allocate(memory.count, vec(table.type.base, 4), memory.dtype)
             return wide.buffer, shape, memory.space.padding(memory, wide)
         dtype = np.dtype(MEMORY[table.type.base])
-        shape = _extents(data.array.shape[: table.rank])
+        shape = extents(data.array.shape[: table.rank])
         return tables_of(machine).buffer(data, dtype, table.type.size, padded=padded), shape, None
 
     def _leading(self, shape: tuple[int, ...]) -> list[Any]:
         """Return the first of the kernel's arguments, see `KernelText`, which depend on the shape alone."""
         kernel = self.kernel
-        args: list[Any] = [np.uint64(math.prod(shape)), self._begins(0)]
+        args: list[Any] = [np.uint64(math.prod(shape)), _BEGINS[kernel.lanes == 1](0)]
         if kernel.lanes > 1 and not kernel.listed:
             args.append(np.int32(self._row_length(shape)))
         if kernel.grid:
-            args.append(_extents(shape))
+            args.append(extents(shape))
         return args
 
     def _arguments(
@@ -305,8 +302,7 @@ class OpenCLExecutable:
     def _params(self, params: dict[str, Array]) -> list[Any]:
         types = {p.name: p.type for p in self.prepared.module.params}
         return [
-            _argument(np.asarray(params[name], _argument_dtype(types[name])), types[name])
-            for name in self.kernel.params
+            argument(np.asarray(params[name], argument_dtype(types[name])), types[name]) for name in self.kernel.params
         ]
 
     def _outputs(self, call: Call, used: list[Any]) -> list[tuple[Any, bool, Array | None]]:
@@ -373,14 +369,8 @@ class OpenCLExecutable:
             return kernel
 
         renew = renewed if self.hurried or self.program is not program else None
-        return starter(
-            self.machine, compiled, items, self.group, self.pace, each, self._begins, reads=reads, renew=renew
-        )
-
-    @property
-    def _begins(self) -> type[np.integer[Any]]:
-        """The type of the argument by which a dispatch begins: an element, or a line of packets."""
-        return np.uint64 if self.kernel.lanes == 1 else np.int32
+        machine, begins = self.machine, _BEGINS[self.kernel.lanes == 1]
+        return starter(machine, compiled, items, self.group, self.pace, each, begins, reads=reads, renew=renew)
 
     def _items(self, shape: tuple[int, ...]) -> Items:
         """Return the work items of a run: one for each element, packet or part of a line; packets in columns."""
@@ -420,27 +410,6 @@ class OpenCLExecutable:
         return status
 
 
-def _argument_dtype(type: Type) -> Any:
-    """Return the dtype of a param's component as an argument: no argument may be a bool."""
-    return np.int32 if type.is_bool else DTYPES[type.base]
-
-
-@lru_cache(maxsize=256)
-def _extents(shape: tuple[int, ...]) -> Any:
-    """Return a shape as one argument; nobody changes it."""
-    return _argument(np.array(shape, np.int32))
-
-
-def _argument(values: Array, type: Type | None = None) -> Any:
-    """Return numbers as one argument: a scalar or a vector; a vector of three is padded to four."""
-    flat = np.atleast_1d(values)
-    if type is not None and type.is_bool and type.size > 1:
-        flat = -flat
-    if flat.size == 1:
-        return flat[0]
-    return np.append(flat, flat.dtype.type(0)) if flat.size == 3 else flat
-
-
 def is_small(call: Call) -> bool:
     """Return whether it is faster to copy the arrays of a run than to lend them."""
     return sum(a.nbytes for a in call.inputs) + sum(a.nbytes for a in call.outputs) <= _SMALL
@@ -473,9 +442,9 @@ def _staged_array(machine: Machine, type: Type, count: int) -> tuple[Array, Any]
 
 
 class Launch(NamedTuple):
-    """Runs over one shape: the first arguments of each, and the function that runs the kernel with all of them.
+    """Runs over one shape: their first arguments, and the function that runs the kernel with all of them.
 
-    Where they are kept, a call over streams of 64 elements takes 73 µs of CPU for 84, most of it in PoCL's threads.
+    Where it is kept, a call over streams takes 73 µs of CPU for 84, most of it in PoCL's threads.
     """
 
     leading: list[Any]
