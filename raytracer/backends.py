@@ -32,17 +32,17 @@ def chosen_meanwhile(name: str | None) -> Callable[[], str]:
     takes 0.88 of its time (0.82 to 0.91) if the scene is read and laid out meanwhile, 0.49 of numpy's; the first sample
     of it by `--integrator path --backend opencl` takes 0.77. This may go when the first build takes less than 0.1 s.
     """
+    if (sh.default_backend() if name in (None, "auto") else name) == "numpy":
+        return lambda: "numpy"  # without a thread, so that the process may fork
     pool = ThreadPoolExecutor(1, "raytracer-device")
     answer = pool.submit(chosen_backend, name)
-    pool.submit(open_backend, name)
+    pool.submit(lambda: open_device(answer.result()))
     pool.shutdown(wait=False)
     return answer.result
 
 
-def open_backend(name: str | None) -> str:
-    """Return `chosen_backend(name)`, whose device is open then."""
-    chosen = chosen_backend(name)
-    if chosen != "numpy":
-        with suppress(sh.ShpyError):  # which the kernel of the picture meets, too
-            sh.Stream.empty(1, sh.Attrib1f, chosen)
-    return chosen
+def open_device(backend: str) -> None:
+    """Open the first device of a backend; the kernel of the picture meets its errors, too."""
+    if backend != "numpy":
+        with suppress(sh.ShpyError):
+            sh.Stream.empty(1, sh.Attrib1f, backend)

@@ -23,7 +23,7 @@ from typing import Any
 import shpy as sh
 from raytracer import viewing
 from raytracer.animation import ANIMATIONS, Make, animate, made_by, mistakes_in, spread
-from raytracer.backends import open_backend
+from raytracer.backends import open_device
 from raytracer.denoising import check_denoising, denoised
 from raytracer.errors import ClusterError, SceneError
 from raytracer.gallery import SIZE, gallery
@@ -74,13 +74,16 @@ def _run(arguments: Sequence[str] | None) -> int:
 def _open_backend(options: argparse.Namespace) -> None:
     """Open the device; say why numpy computes, where the user has chosen no backend and OpenCL cannot.
 
-    A thread does so while the scene is read. The command itself meets the errors.
+    A thread does so while the scene is read. The command itself meets the errors. A cluster's workers open their own.
     """
-    if options.run in (_render, _animate, _gallery, _tradeoff):
-        open_backend(options.backend)
-        chosen = None if options.backend else sh.default_backend(long=True)
+    if options.run not in (_render, _animate, _gallery, _tradeoff):
+        return
+    if options.backend is None:
+        chosen = sh.default_backend(long=True)
         if chosen == "numpy" and not chosen.pinned:
             print(f"raytracer: numpy computes: {chosen.why}", file=sys.stderr)
+    elif getattr(options, "cluster", None) is None:
+        open_device(options.backend)
 
 
 def _show(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -80,6 +80,21 @@ def test_errors_of_the_choice_are_those_of_the_caller(monkeypatch):
         Renderer(Scene.builtin("boxes"))
 
 
+@pytest.mark.parametrize("settings", [{}, {"SHPY_BACKEND": "numpy"}], ids=["named", "pinned"])
+def test_numpy_opens_no_device(monkeypatch, settings):
+    def refuse(*_):
+        raise AssertionError("a device is opened")
+
+    for name, value in settings.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(registry, "_fault_of_opencl", refuse)
+    monkeypatch.setattr(sh.Stream, "empty", refuse)
+    before = threading.active_count()
+    renderer = Renderer(Scene.builtin("boxes"), backend=None if settings else "numpy")
+    assert renderer.backend == "numpy"
+    assert threading.active_count() == before
+
+
 def test_errors_of_a_device_that_the_caller_names_are_those_of_the_kernel():
     with pytest.raises(sh.ShpyError, match="'nonsense'"):
         Renderer(Scene.builtin("boxes"), backend="nonsense")
