@@ -8,12 +8,8 @@ inline WORD key(WORD x, uint last) {
 // Compute the digits of up to BLOCK keys from `first` on; return how many there are. A processor does so in vectors.
 inline uint digits(__global const WORD *given, uint first, uint end, uint shift, uint radix, uint last, uint *digit) {
     uint count = min(end - first, (uint)BLOCK);
-    if (count == BLOCK)
-        for (uint k = 0; k < BLOCK; ++k)
-            digit[k] = (key(given[first + k], last) >> shift) & (radix - 1);
-    else
-        for (uint k = 0; k < count; ++k)
-            digit[k] = (key(given[first + k], last) >> shift) & (radix - 1);
+    for (uint k = 0; k < count; ++k)
+        digit[k] = (key(given[first + k], last) >> shift) & (radix - 1);
     return count;
 }
 
