@@ -157,6 +157,16 @@ def test_mistakes_in_a_file_of_a_moving_scene(tmp_path, monkeypatch, capsys, com
     assert [path.name for path in tmp_path.iterdir() if path.name != "__pycache__"] == ["moving.py"]
 
 
+@pytest.mark.parametrize(
+    ("changes", "devices"), [({}, ["opencl"]), ({"cluster": "local:2"}, []), ({"run": cli.scenes}, [])], ids=str
+)
+def test_a_command_that_draws_here_opens_the_device_that_is_named(monkeypatch, changes, devices):
+    opened = []
+    monkeypatch.setattr(cli, "open_device", opened.append)
+    cli._open_backend(SimpleNamespace(**{"run": cli._render, "backend": "opencl", "cluster": None} | changes))
+    assert opened == devices
+
+
 def test_doctor_names_backends_and_packages(capsys):
     assert cli.main(["doctor"]) == 0
     out = capsys.readouterr().out
