@@ -158,7 +158,9 @@ def test_mistakes_in_a_file_of_a_moving_scene(tmp_path, monkeypatch, capsys, com
 
 
 @pytest.mark.parametrize(
-    ("changes", "devices"), [({}, ["opencl"]), ({"cluster": "local:2"}, []), ({"run": cli.scenes}, [])], ids=str
+    ("changes", "devices"),
+    [({}, ["opencl"]), ({"cluster": "local:2"}, []), ({"run": cli.scenes}, [])],
+    ids=["render", "cluster", "scenes"],
 )
 def test_a_command_that_draws_here_opens_the_device_that_is_named(monkeypatch, changes, devices):
     opened = []
