@@ -361,6 +361,8 @@ class Compiler:
                 return lambda frame: _element(frame[0].tables[name], _moved(frame[0].index, [frame[a] for a in args]))
             case "table_size", name:
                 return lambda frame: np.array(frame[0].tables[name].shape[: type.size], dtype).reshape(_shape(type))[()]
+            case "grid_line", _:
+                return lambda frame: _grid(frame[0].index[:-1], type, "grid_line")
             case ("grid_index" | "grid_shape") as op, _:
                 return lambda frame: _grid(frame[0].index if op == "grid_index" else frame[0].shape, type, op)
             case ("any_lane" | "all_lanes") as op, _:

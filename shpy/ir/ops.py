@@ -343,6 +343,7 @@ STRUCTURAL: Final[Mapping[str, str]] = {
     "neighbour": "a table's element at grid_index moved by an i on each axis, clamped; where as many i follow, modulo "
     "these; attr: the table's name",
     "grid_index": "this element's index along numpy's axes: i to i4",
+    "grid_line": "grid_index without the last axis, i to i3, where all lanes are in one line; `lines` makes it",
     "grid_shape": "the number of elements along numpy's axes: i to i4",
     "any_lane": "whether c holds for any active element that runs together with this one",
     "all_lanes": "whether c holds for all active elements that run together with this one",
@@ -356,7 +357,7 @@ STRUCTURAL: Final[Mapping[str, str]] = {
     "half": "f rounded to the nearest binary16 and kept as f: how h is done where the target has none",
 }
 
-MADE_BY_PASSES: Final = frozenset({"lane_mask", "lane_any", "lane_min", "lane_max", "neighbour"})
+MADE_BY_PASSES: Final = frozenset({"lane_mask", "lane_any", "lane_min", "lane_max", "neighbour", "grid_line"})
 """Operations that no program is recorded with."""
 
 LANE_OPS: Final = frozenset({"any_lane", "all_lanes", "min_lane", "max_lane"})

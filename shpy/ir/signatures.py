@@ -228,6 +228,7 @@ _RULES: Final[Mapping[str, Callable[[Let, Types, Declarations], Type]]] = {
     "table_size": _table_size,
     "neighbour": _neighbour,
     "grid_index": _grid,
+    "grid_line": _grid,
     "grid_shape": _grid,
     "any_lane": _lanes,
     "all_lanes": _lanes,

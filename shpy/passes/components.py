@@ -44,14 +44,16 @@ GEOMETRY = frozenset(name for name in COMPOSITES if not OPS[name].componentwise)
 """Operations that are not component-wise; an earlier pass lowers them."""
 
 
-def take_apart(module: Module, *, throughout: bool = False, sizes: Collection[int] = ALL) -> Module:
+def take_apart(
+    module: Module, *, throughout: bool = False, sizes: Collection[int] = ALL, called: Collection[str] = ()
+) -> Module:
     """Return the module with every function on scalars; TypeError for an operation that `lower` should have removed.
 
-    Vectors of other sizes than `sizes` stay whole.
+    Vectors of other sizes than `sizes` stay whole. Functions of `called` become functions that a statement calls.
     """
     *others, entry = module.functions
     whole = frozenset(ALL).difference(sizes)
-    expressions, callees = _expressions(others, throughout, whole), {f.name: f for f in others}
+    expressions, callees = _expressions(others, throughout, whole, called), {f.name: f for f in others}
     functions = [
         _with_scalar_ports(f)
         if f.alone and not throughout and not whole.issuperset(SHORT)
@@ -74,7 +76,9 @@ def has_long(module: Module) -> bool:
     return any(type.size in LONG for type in types)
 
 
-def _expressions(functions: Sequence[Function], throughout: bool, whole: Collection[int]) -> set[str]:
+def _expressions(
+    functions: Sequence[Function], throughout: bool, whole: Collection[int], called_by_statements: Collection[str]
+) -> set[str]:
     """Return the names of the functions that can stay pure: neither they nor their callees return a split vector.
 
     Unless vectors are split `throughout`, only those of eight are ports that have to be split.
@@ -84,7 +88,8 @@ def _expressions(functions: Sequence[Function], throughout: bool, whole: Collect
     for f in functions:
         called = {s.attr for s in walk(f.body) if isinstance(s, Let) and s.op == "call"}
         ports = f.outputs if throughout else (*f.inputs, *f.outputs)
-        if f.pure and called <= names and split.isdisjoint(port.type.size for port in ports):
+        stays = f.pure and f.name not in called_by_statements
+        if stays and called <= names and split.isdisjoint(port.type.size for port in ports):
             names.add(f.name)
     return names
 

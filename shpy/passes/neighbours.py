@@ -97,21 +97,25 @@ class _NeighbourFinder(Rewriter):
     # Analysis of values
 
     def record(self, s: Let) -> None:
-        """Record the components of a value that is uniform or derived from the element's index."""
+        """Record the components of a value that is uniform or derived from the element's index.
+
+        The index of the line is both: a value that is not a sum of it and uniforms is a uniform.
+        """
         value, args = s.value, s.args
         if value.type.base is not Base.I:
             return
         if s.op == "const" and isinstance(s.attr, tuple):
             self.constants[value.id] = decode(value.type, s.attr)
+        operands = [self.parts[a] for a in args if a in self.parts]
         if value.id not in self.facts.varying:
             self.parts[value.id] = tuple(_Offset(None, ((1, value.id, k),)) for k in range(value.type.size))
-            return
-        operands = [self.parts[a] for a in args if a in self.parts]
+            if s.op != "grid_line" and all(part.axis is None for parts in operands for part in parts):
+                return
         if len(operands) < len(args):
             return
         match s.op, s.attr:
-            case "grid_index", _:
-                self.axes = value.type.size
+            case (("grid_index" | "grid_line"), _):
+                self.axes = value.type.size + (s.op == "grid_line")
                 self.parts[value.id] = tuple(_Offset(k) for k in range(value.type.size))
             case "swizzle", tuple(picked):
                 self.parts[value.id] = tuple(operands[0][k] for k in picked)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 from shpy.ir.ops import LANE_OPS
 
-_UNIFORM = LANE_OPS | {"lane_any", "lane_min", "lane_max", "table_size", "grid_shape"}
+_UNIFORM = LANE_OPS | {"lane_any", "lane_min", "lane_max", "table_size", "grid_line", "grid_shape"}
 _VARYING = frozenset({"grid_index", "lane_mask", "neighbour"})
 
 

@@ -76,10 +76,11 @@ class Sizes:
 class Generator:
     """Generates one function after the other of a module."""
 
-    def __init__(self, seed: int, sizes: Sizes = Sizes(), *, lanes: bool = False) -> None:
+    def __init__(self, seed: int, sizes: Sizes = Sizes(), *, lanes: bool = False, axes: int = 0) -> None:
         self.random = random.Random(seed)
         self.sizes = sizes
         self.lanes = lanes
+        self.axes = axes
         self.callees: list[Function] = []
         self.line = 0
 
@@ -379,6 +380,9 @@ class Generator:
 
     def make_int(self, type: Type) -> Value:
         let = self.b.let
+        if self.axes and type.base is Base.I and self.random.random() < 0.4:
+            index = let("grid_index", type=vec(Base.I, self.axes))
+            return self.b.swizzle(index, [self.random.randrange(self.axes) for _ in range(type.size)])
         if self.random.random() < 0.08:
             return let(self.random.choice(INT_TERNARY), *(self.simple(type) for _ in range(3)))
         match self.random.randrange(6):
@@ -421,9 +425,9 @@ class Generator:
         return self.b.load(self.random.choice(slots)) if slots else self.constant(type)
 
 
-def random_module(seed: int, sizes: Sizes = Sizes(), *, lanes: bool = False) -> Module:
-    """The seed's module."""
-    return Generator(seed, sizes, lanes=lanes).module()
+def random_module(seed: int, sizes: Sizes = Sizes(), *, lanes: bool = False, axes: int = 0) -> Module:
+    """The seed's module; with `axes`, it reads the index in a grid of so many."""
+    return Generator(seed, sizes, lanes=lanes, axes=axes).module()
 
 
 def random_inputs(seed: int) -> tuple[list[Any], dict[str, Any]]:

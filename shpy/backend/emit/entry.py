@@ -16,7 +16,7 @@ from shpy.ir.nodes import Let, Module
 from shpy.ir.traverse import callee_of, walk
 
 Need = tuple[str, str]
-"""A need of a function: ("table", its name), ("param", its name), ("grid_index", "") or ("grid_shape", "")."""
+"""A need of a function: ("table", its name), ("param", its name), or ("grid_index", "") and its kin."""
 Needs = frozenset[Need]
 
 
@@ -40,7 +40,7 @@ def needed_by(let: Let) -> Needs:
     match let.op:
         case "table" | "table_size" | "neighbour":
             return frozenset({("table", str(let.attr))})
-        case "param" | "grid_index" | "grid_shape":
+        case "param" | "grid_index" | "grid_line" | "grid_shape":
             return frozenset({(let.op, str(let.attr or ""))})
     return frozenset()
 

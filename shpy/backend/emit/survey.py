@@ -16,7 +16,7 @@ from shpy.ir.traverse import changed_variables, regions_of, uses
 Place = tuple[int, int]
 """A statement: the number of its region, and its index in it."""
 
-REPEATED: Final = frozenset({"load", "param", "table_size", "grid_index", "grid_shape"})
+REPEATED: Final = frozenset({"load", "param", "table_size", "grid_index", "grid_line", "grid_shape"})
 """Operations that only name something: written at every use."""
 
 

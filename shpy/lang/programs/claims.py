@@ -34,6 +34,7 @@ _RECORDED = {
     "lane_min": "min_lane",
     "lane_max": "max_lane",
     "neighbour": "grid_index, add and table",
+    "grid_line": "grid_index and swizzle",
 }
 """Replacements that messages name for operations that only passes make."""
 

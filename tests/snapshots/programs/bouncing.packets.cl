@@ -1,4 +1,4 @@
-void bounce(  // snapshot_programs.py:92
+__attribute__((always_inline)) void bounce(  // snapshot_programs.py:92
     float8 position_x,
     float8 position_y,
     float8 velocity_x,

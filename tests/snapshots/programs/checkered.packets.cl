@@ -4,13 +4,13 @@ __kernel void checkered(ulong count, int first, int row, int2 grid_shape, __glob
     if (packet.empty) {
         return;
     }
+    int grid_line = corner.y;
     int8x2 grid_index = (int8x2){packet.y, packet.x};
-    int8 t = grid_index.x;  // snapshot_programs.py:175
-    int8 t2 = grid_index.y;
-    float8 uv_x = convert_float8(t) / (float)grid_shape.x;  // snapshot_programs.py:176
-    float8 uv_y = convert_float8(t2) / (float)grid_shape.y;
-    float8 result_x = uv_x;  // snapshot_programs.py:177
+    int8 t = grid_index.y;  // snapshot_programs.py:175
+    float uv_x = (float)grid_line / (float)grid_shape.x;  // snapshot_programs.py:176
+    float8 uv_y = convert_float8(t) / (float)grid_shape.y;
+    float result_x = uv_x;  // snapshot_programs.py:177
     float8 result_y = uv_y;
-    float8 result_z = convert_float8((t ^ t2) & 1);
-    sh_write_f3(result_out, (float8x3){result_x, result_y, result_z}, packet);
+    float8 result_z = convert_float8((grid_line ^ t) & 1);
+    sh_write_f3(result_out, (float8x3){(float8)(result_x), result_y, result_z}, packet);
 }

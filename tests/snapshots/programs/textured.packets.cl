@@ -1,4 +1,8 @@
-float8x3 sample_image(float8x2 uv, __global const float4 *image, int2 image_size, int image_mode) {  // library.py:254
+__attribute__((always_inline)) float8x3 sample_image(  // library.py:254
+    float8x2 uv,
+    __global const float4 *image,
+    int2 image_size,
+    int image_mode) {
     bool linear = (image_mode & 1) != 0;  // library.py:261
     bool repeat = (image_mode & 2) != 0;
     int t = image_size.x;  // library.py:263

@@ -45,36 +45,39 @@ from shpy.backend.emit.tree import (
     number,
 )
 from shpy.backend.opencl.packets.alone import LaneCalls
+from shpy.backend.opencl.packets.module import PacketModule, pack
 from shpy.backend.opencl.packets.operations import PacketOperations
 from shpy.backend.opencl.packets.prologue import Abilities, PacketPrologue
-from shpy.backend.opencl.packets.prologue_memory import QUAD, spelled_wide
+from shpy.backend.opencl.packets.prologue_memory import spelled_wide
 from shpy.backend.opencl.packets.prologue_packet import INLINE
 from shpy.backend.opencl.packets.prologue_wide import LONGEST, Words, declare_wide
 from shpy.backend.opencl.packets.spell_packets import PacketSpeller
 from shpy.backend.opencl.packets.surroundings import surroundings
-from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen, widened
+from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widened
 from shpy.backend.opencl.text.kernel import SIZE, ULONG, KernelMaker, KernelText
-from shpy.backend.opencl.text.operations import INDEX, SHAPE, ClOperations, hides_zeros
+from shpy.backend.opencl.text.operations import INDEX, LINE, SHAPE, ClOperations
 from shpy.backend.opencl.text.prologue import NOINLINE
 from shpy.backend.opencl.text.spell_cl import ClSpeller
-from shpy.ir.nodes import Call, Function, Let, Module, Variable
-from shpy.ir.traverse import defined, variables_of, walk
+from shpy.ir.nodes import Function, Let, Module, Variable
+from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
-from shpy.passes.components import ALL, LONG, SHORT, has_long, take_apart
 from shpy.passes.formulas.edges import edge, remark
-from shpy.passes.hide import hide_derivable
-from shpy.passes.inline import inline_calls
 from shpy.passes.modes import Math
-from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pairing import pair
-from shpy.passes.pipeline import optimise
 from shpy.passes.private import bytes_of
-from shpy.passes.vectorize import VectorModule, vectorize
+from shpy.passes.size import inlined_sizes
 
 _LARGE: Final = 400
-"""The most statements of an entry that is not a function of its own: PoCL generates the code of a kernel three times.
+"""The most statements of an entry, with those that it calls, that is not a function of its own: PoCL generates the code
+of a kernel three times. Other functions with more statements of their own are not inlined.
+"""
 
-Other functions with more statements are not inlined.
+_CALLED: Final = 16
+_INLINED: Final = 100
+"""The least and the most statements of a function that the compiler is told to inline; smaller ones are inlined anyway.
+
+A call passes packets through memory, and no register survives it: five octaves of noise take 0.87 of the time in line,
+and 1.1 of the time to compile. Other programs of the benchmarks gain and lose nothing, nor do they with a limit of 200.
 """
 
 _IN_LINE: Final = 64
@@ -97,56 +100,7 @@ def print_packets(
     `faults` are the compiler's faults, of FAULTS. `near` are the lanes of a kernel that reads neighbours in a grid, if
     they are others.
     """
-    called = {s.function for f in module.functions if f.alone for s in walk(f.body) if isinstance(s, Call)}
-    if called:
-        # A function that lanes run one after the other calls no other function.
-        module = inline_calls(module, lambda f: f.name in called)
-    vector = _vectorised(module, math, faults, padded=True, alone=True)
-    if near is not None and any(isinstance(s, Let) and s.op == "neighbour" for s in walk(vector.module.entry.body)):
-        lanes = near
-    packets = widen(vector, lanes)
-    columns = lanes if _stay_together(packets) else QUAD
-    return PacketMaker(packets, module.entry, lanes, columns, abilities, math, faults=faults).kernel()
-
-
-def in_packets(module: Module, lanes: int, math: Math, faults: Collection[str]) -> Module:
-    """Return a prepared module on packets of scalars."""
-    return widen(_vectorised(module, math, faults), lanes)
-
-
-def _vectorised(
-    module: Module, math: Math, faults: Collection[str], *, padded: bool = False, alone: bool = False
-) -> VectorModule:
-    """Return a prepared module of scalars for many lanes; `padded` and `alone`: see `vectorize`."""
-    for sizes in (SHORT, ALL) if has_long(module) else (ALL,):
-        scalar = optimise(take_apart(module, sizes=sizes))
-        # A hidden zero adds arithmetic on vectors, which has to be split too.
-        whole = take_apart(hide_derivable(scalar), sizes=sizes) if hides_zeros(math, faults) else scalar
-        vector = vectorize(whole, padded=padded, alone=alone)
-        if not _has_varying_long(vector):
-            break
-    return find_neighbours(vector)
-
-
-def _has_varying_long(vector: VectorModule) -> bool:
-    """Return whether a vector of eight differs from lane to lane: then all of them have to be split."""
-    types: list[Type] = []
-    for f in vector.module.functions:
-        if (facts := vector.facts.get(f.name)) is not None:
-            types += [v.type for v in defined(f) if v.id in facts.varying]
-            types += [v.type for v in variables_of(f) if v.id in facts.slots]
-    return any(type.size in LONG for type in types)
-
-
-def _stay_together(module: Module) -> bool:
-    """Return whether lanes neither diverge nor gather from tables; blocks then have no advantage over rows.
-
-    Divergence inside functions without stores does not count, because rare numbers cause it.
-    """
-    lets = [(f.name, s) for f in module.functions for s in walk(f.body) if isinstance(s, Let)]
-    pure = {str(s.attr) for _, s in lets if s.op == "call"}
-    part = any(s.op == "lane_any" and name not in pure for name, s in lets)
-    return not part and not any(s.op == "table" and isinstance(s.value.type, Lanes | Rows) for _, s in lets)
+    return PacketMaker(pack(module, lanes, math, faults, near), abilities, math, faults=faults).kernel()
 
 
 def _is_fused_rsqrt(function: Function) -> bool:
@@ -156,12 +110,16 @@ def _is_fused_rsqrt(function: Function) -> bool:
     return [s.op for s in walk(function.body) if isinstance(s, Let) and s.op not in ("const", "splat")] == _FUSED_RSQRT
 
 
+def _length(function: Function) -> int:
+    return sum(1 for _ in walk(function.body))
+
+
 def _is_large(function: Function) -> bool:
-    return sum(1 for _ in walk(function.body)) > _LARGE
+    return _length(function) > _LARGE
 
 
 class PacketMaker(KernelMaker):
-    """The emitter of a kernel of packets; `ports` are the entry's inputs and outputs before the split into scalars."""
+    """The emitter of a kernel of packets."""
 
     prologue: PacketPrologue
     operations: ClassVar[type[ClOperations]] = PacketOperations
@@ -169,27 +127,26 @@ class PacketMaker(KernelMaker):
 
     def __init__(
         self,
-        module: Module,
-        ports: Function,
-        lanes: int,
-        columns: int,
+        packets: PacketModule,
         abilities: Abilities,
         math: Math = "strict",
         *,
         faults: Collection[str],
     ) -> None:
+        module, lanes, columns = packets.module, packets.lanes, packets.columns
         self.lanes, self.columns = lanes, columns
         self.words = Words()
         """The names in the text, which select the declarations of vectors longer than OpenCL C's."""
         super().__init__(module, math, elementwise=abilities.elementwise, faults=faults)
-        self.listed = columns == lanes and not self.grid_of(module.entry.name)
         self.grid[INDEX] = Name(rows_of(Base.I, max(self.grid_rank, 1), lanes), self.grid[INDEX].text)
+        self.grid[LINE] = Name(vec(Base.I, max(self.grid_rank - 1, 1)), self.globals.take(LINE))
+        self.listed = columns == lanes and not self.grid_of(module.entry.name)
         for base in Base:
             for size in (2, 3, 4):
                 if base is not Base.H:
                     self.globals.reserve(spelled_wide(rows_of(base, size, lanes)))
         take = self.globals.take
-        self.outer = ports
+        self.outer = packets.ports
         self.row = Name(INT, "" if self.listed else take("row"))
         self.corner = Name(UINT if self.listed else vec(Base.I, 2), take("start" if self.listed else "corner"))
         self.place = {self.corner: SIZE if self.listed else self.corner.type, self.count: ULONG}
@@ -263,6 +220,8 @@ class PacketMaker(KernelMaker):
         """Return the number of axes on which an operation reads the place in the grid; 0 for others."""
         if let.op == "neighbour":
             return self.tables[str(let.attr)].rank
+        if let.op == LINE:
+            return let.value.type.size + 1
         return min(super().rank_of(let), 1) if isinstance(let.value.type, Lanes) else super().rank_of(let)
 
     def handed(self, function: str) -> tuple[Name, ...]:
@@ -270,7 +229,7 @@ class PacketMaker(KernelMaker):
         names = super().handed(function)
         if function != self.module.entry.name or not self.place:
             return names
-        return (*self.place, *(e for e in names if e != self.grid[INDEX]))
+        return (*self.place, *(e for e in names if e not in (self.grid[INDEX], self.grid[LINE])))
 
     def declares(self, e: Name) -> Parameter:
         """Return the parameter for an extra argument."""
@@ -286,7 +245,11 @@ class PacketMaker(KernelMaker):
         """Return what stands before a function: the entry's own is inlined, where borders have a function, too."""
         if self.around and function is self.module.entry:
             return (INLINE,)
-        return (NOINLINE,) if _is_large(function) else super().qualifiers(function)
+        return (NOINLINE,) if _is_large(function) else super().qualifiers(function) or self._inlined(function)
+
+    def _inlined(self, function: Function) -> tuple[str, ...]:
+        """Return what makes the compiler inline a function that it would call, with packets passed through memory."""
+        return (INLINE,) if function is not self.module.entry and _CALLED < _length(function) <= _INLINED else ()
 
     def add(self, function: Function, name: str) -> None:
         """Add a function to the text; for one that lanes run alone, add the loop over the lanes too.
@@ -332,7 +295,8 @@ class PacketMaker(KernelMaker):
 
     def has_function(self, entry: Function) -> bool:
         """Return whether the entry is a function that the kernel calls."""
-        return _is_large(entry) or bool(self.around) or super().has_function(entry)
+        is_large = inlined_sizes(self.module)[entry.name] > _LARGE
+        return is_large or bool(self.around) or super().has_function(entry)
 
     def add_kernel_function(self, kernel: tree.Function) -> None:
         """Add the kernel; packets at the border of a table go to a function of their own, where each read has a test.
@@ -461,11 +425,16 @@ class PacketMaker(KernelMaker):
         return Declare(Own("sh_packet"), self.packet.text, tree.call("sh_packet_at", INT, *self.place))
 
     def _find_place(self) -> Block:
-        """Return the statement that computes the lanes' index in the grid, or none if no operation reads it."""
-        index = self.grid[INDEX]
-        if (INDEX, "") not in self.needs[self.module.entry.name]:
-            return ()
-        return (Declare(index.type, index.text, self._grid_of_lanes(index.type)),)
+        """Return the statements that compute the lanes' index in the grid, and their line, if operations read them."""
+        needs, index, line = self.needs[self.module.entry.name], self.grid[INDEX], self.grid[LINE]
+        block: list[tree.Stmt] = []
+        if (LINE, "") in needs:
+            parts = self.split(Member(INT, self.corner, "y"), self.grid_rank - 1)
+            place = parts[0] if len(parts) == 1 else Construct(line.type, tuple(parts))
+            block.append(Declare(line.type, line.text, place))
+        if (INDEX, "") in needs:
+            block.append(Declare(index.type, index.text, self._grid_of_lanes(index.type)))
+        return tuple(block)
 
     def _grid_of_lanes(self, type: Type) -> Expr:
         """Return the lanes' index along each axis; `y` of the packet counts rows through all planes."""

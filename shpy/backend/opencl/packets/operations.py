@@ -177,10 +177,10 @@ class PacketOperations(ClOperations):
         return tree.call(near, let.value.type, unit.table_names[name], unit.size_names[name], unit.packet, *by)
 
     def op_grid_index(self, let: Let) -> Expr:
-        """Return the kernel's variable for the shape or for the lanes' index."""
+        """Return the kernel's variable for the shape, for the lanes' index, or for their line."""
         return self.unit.grid[let.op]
 
-    op_grid_shape = op_grid_index
+    op_grid_line = op_grid_shape = op_grid_index
 
     # Local arrays
 

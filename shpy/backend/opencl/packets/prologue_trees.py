@@ -20,7 +20,8 @@ from typing import Final
 import numpy as np
 
 from shpy.backend.base import NodeTypes
-from shpy.backend.opencl.packets.kernel import PacketMaker, in_packets
+from shpy.backend.opencl.packets.kernel import PacketMaker
+from shpy.backend.opencl.packets.module import pack_parts
 from shpy.backend.opencl.packets.prologue import Abilities, PacketPrologue
 from shpy.backend.opencl.packets.prologue_memory import element_name, lane_of, spelled_wide
 from shpy.backend.opencl.packets.prologue_packet import INLINE
@@ -335,8 +336,8 @@ def print_trees(
     """
     if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.part)):
         return None
-    packets = in_packets(module, lanes, "strict", faults)
-    if not all(isinstance(o.type, Lanes) for o in packets.entry.outputs):
+    packets = pack_parts(module, lanes, faults)
+    if not all(isinstance(o.type, Lanes) for o in packets.module.entry.outputs):
         return None
-    maker = PacketMaker(packets, module.entry, lanes, lanes, abilities, faults=faults)
+    maker = PacketMaker(packets, abilities, faults=faults)
     return maker.kernels_around(TreePrologue(maker.prologue, types, joins=joins).text)

@@ -83,6 +83,7 @@ NATIVE: Final[Mapping[str, str]] = {
 """Functions of binary32 that fast mode calls instead: OpenCL leaves their accuracy to the device."""
 
 INDEX: Final = "grid_index"
+LINE: Final = "grid_line"
 SHAPE: Final = "grid_shape"
 _WRAPPING: Final = frozenset({"add", "sub", "mul"})
 
@@ -147,7 +148,7 @@ class ClUnit(Unit):
 
     def grid_of(self, function: str) -> list[Name]:
         """Return the grid variables that a function reads."""
-        return [self.grid[op] for op in (INDEX, SHAPE) if (op, "") in self.needs.get(function, ())]
+        return [name for op, name in self.grid.items() if (op, "") in self.needs.get(function, ())]
 
     def split(self, flat: Expr, axes: int) -> list[Expr]:
         """Return the index on each of the first axes of the grid, of which the last one runs fastest."""
