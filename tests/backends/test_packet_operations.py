@@ -148,3 +148,22 @@ def test_another_function_of_that_name_is_not_replaced() -> None:
         return rsqrt_strict(x) + rsqrt_strict(x + 1)
 
     assert "__builtin_ia32_rsqrt" not in compiled_anew(other, "opencl", lanes=8).source
+
+
+@pytest.mark.parametrize("lanes", [4, 8, 16, 32, 64])
+def test_floats_become_ints_as_the_language_says(lanes: int) -> None:
+    """Towards zero, the nearest int for numbers out of range, 0 for NaN: of every exponent, and of each border."""
+
+    @sh.program
+    def whole(x: sh.Attrib1f) -> sh.Attrib1i:
+        return sh.Attrib1i(x)
+
+    bits = np.random.default_rng(4).integers(0, 2**32, 20_000, np.uint64).astype(np.uint32).view(np.float32)
+    borders = np.float32([2**31, -(2**31), 2**31 - 128, -(2**31) - 256, 2**32, 1.0, 0.99999994, 0.0, np.inf, np.nan])
+    x = np.concatenate([bits, borders, -borders])
+    expected = [0 if v != v else max(-(2**31), min(2**31 - 1, int(v))) if abs(v) < 2**40 else
+                (2**31 - 1 if v > 0 else -(2**31)) for v in x.tolist()]  # fmt: skip
+    kernel = whole.compile("opencl", lanes=lanes)
+    np.testing.assert_array_equal(kernel(x), expected)
+    has_instruction = machine_of(None).abilities.truncations
+    assert ("convert_int" not in kernel.source) == bool(has_instruction and min(has_instruction) <= lanes)

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from shpy.backend.opencl.device.declarations import GUARD, declarations
 from shpy.backend.opencl.device.trial import DECLARES, Trial, outcomes
-from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS
+from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS, TRUNCATIONS
 from shpy.backend.opencl.packets.prologue_wide import try_wide
 from shpy.backend.opencl.packets.widen import WIDER
 from shpy.backend.opencl.text.operations import ELEMENTWISE
@@ -111,6 +111,16 @@ _TRIALS: Final = {
             f"float{n}", f"a[0] = floor({text.format('a[0]')} + 0.5f);", (0.0625,) * n, (4.0,) * n, needs=_X86[n]
         )
         for n, text in GUESSES.items()
+    },
+    **{
+        f"truncation{n}": Trial(
+            f"int{n}",
+            f"float{n} x = as_float{n}(a[0]); a[0] = {text.format('x')};",
+            (0x40300000, -0x3FD00000, 0x7FC00000, 0x4F000000, *[0] * (n - 4)),  # 2.75, -2.75, NaN, 2**31
+            (2, -2, -(2**31), -(2**31), *[0] * (n - 4)),
+            needs=_X86[n],
+        )
+        for n, text in TRUNCATIONS.items()
     },
     **{
         f"wide{n}": Trial(

@@ -42,7 +42,7 @@ from shpy.backend.opencl.device.loading import POCL, explain_absence, explain_ca
 from shpy.backend.opencl.device.probes import ABILITIES, BINARY64, EXACTNESS, abilities_in_binary64
 from shpy.backend.opencl.device.trial import DECLARES, Trial, Unfinished, works
 from shpy.backend.opencl.device.waiting import Waiter
-from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS, Abilities
+from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS, TRUNCATIONS, Abilities
 from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
 from shpy.errors import BackendUnavailable, ShpyTypeError, warn
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
@@ -462,10 +462,9 @@ class Machine:
     def abilities(self) -> Abilities:
         """The functions that the compiler has besides OpenCL C."""
         names = self._succeeded
-        signs = frozenset(n for n in SIGNS if f"signs{n}" in names)
-        wider = frozenset(n for n in WIDER if f"wide{n}" in names)
-        guesses = frozenset(n for n in GUESSES if f"guess{n}" in names)
-        return Abilities("reduce" in names, "elementwise" in names, "shuffle" in names, signs, wider, guesses)
+        kinds = {"signs": SIGNS, "wide": WIDER, "guess": GUESSES, "truncation": TRUNCATIONS}
+        widths = (frozenset(n for n in tried if f"{kind}{n}" in names) for kind, tried in kinds.items())
+        return Abilities("reduce" in names, "elementwise" in names, "shuffle" in names, *widths)
 
     @once_of_each
     def most_private(self) -> int:

@@ -114,10 +114,6 @@ def _length(function: Function) -> int:
     return sum(1 for _ in walk(function.body))
 
 
-def _is_large(function: Function) -> bool:
-    return _length(function) > _LARGE
-
-
 class PacketMaker(KernelMaker):
     """The emitter of a kernel of packets."""
 
@@ -154,7 +150,8 @@ class PacketMaker(KernelMaker):
         self.dispatch = [Parameter(ULONG, self.count.text), Parameter(INT, self.first.text)]
         self.dispatch += [] if self.listed else [Parameter(INT, self.row.text)]
         self.packet = Name(INT, take("packet"))
-        whole_rows = not self.listed and columns == lanes and not _is_large(module.entry)
+        self.is_large = inlined_sizes(module)[module.entry.name] > _LARGE
+        whole_rows = not self.listed and columns == lanes and _length(module.entry) <= _LARGE
         self.around = surroundings(module.entry, self.tables) if whole_rows else {}
         """The offsets from a packet at which a kernel reads that asks once whether all neighbours are in range."""
         self.inside = Name(BOOL, take("inside") if self.around else "")
@@ -245,11 +242,11 @@ class PacketMaker(KernelMaker):
         """Return what stands before a function: the entry's own is inlined, where borders have a function, too."""
         if self.around and function is self.module.entry:
             return (INLINE,)
-        return (NOINLINE,) if _is_large(function) else super().qualifiers(function) or self._inlined(function)
-
-    def _inlined(self, function: Function) -> tuple[str, ...]:
-        """Return what makes the compiler inline a function that it would call, with packets passed through memory."""
-        return (INLINE,) if function is not self.module.entry and _CALLED < _length(function) <= _INLINED else ()
+        is_entry, length = function is self.module.entry, _length(function)
+        if length > _LARGE or (is_entry and self.is_large):
+            return (NOINLINE,)
+        inline = () if is_entry or not _CALLED < length <= _INLINED else (INLINE,)
+        return super().qualifiers(function) or inline
 
     def add(self, function: Function, name: str) -> None:
         """Add a function to the text; for one that lanes run alone, add the loop over the lanes too.
@@ -295,8 +292,7 @@ class PacketMaker(KernelMaker):
 
     def has_function(self, entry: Function) -> bool:
         """Return whether the entry is a function that the kernel calls."""
-        is_large = inlined_sizes(self.module)[entry.name] > _LARGE
-        return is_large or bool(self.around) or super().has_function(entry)
+        return self.is_large or bool(self.around) or super().has_function(entry)
 
     def add_kernel_function(self, kernel: tree.Function) -> None:
         """Add the kernel; packets at the border of a table go to a function of their own, where each read has a test.

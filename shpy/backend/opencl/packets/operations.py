@@ -98,6 +98,14 @@ class PacketOperations(ClOperations):
 
     # Operations
 
+    def convert(self, type: Type, e: Expr, source: Type) -> Expr:
+        """Return a conversion of each lane; of floats to ints by the instruction of the device, if it has one."""
+        if type.base is Base.I and source.base is Base.F and isinstance(source, Lanes):
+            ints = self.unit.prologue.ints()
+            if ints:
+                return tree.call(ints, type, e)
+        return super().convert(type, e, source)
+
     def function_of(self, op: str, types: tuple[Type, ...]) -> str:
         """Return the name of OpenCL's function, of the compiler's, or of one of the prologue."""
         type = types[0]

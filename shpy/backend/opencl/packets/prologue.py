@@ -62,6 +62,16 @@ GUESSES: Final = {
 It may give NaN or infinity for zeros, infinities, NaN, negative and denormal numbers.
 """
 
+TRUNCATIONS: Final = {
+    4: "__builtin_ia32_cvttps2dq({})",
+    8: "__builtin_ia32_cvttps2dq256({})",
+    16: "__builtin_ia32_cvttps2dq512_mask({}, (int16)(0), -1, 4)",
+}
+"""Floats to ints by one instruction of x86, by the number of lanes: NaN and numbers out of range give the least int.
+
+Two comparisons make of it what the language asks for; PoCL's `convert_int16_sat` takes twice as many instructions.
+"""
+
 _RSQRT: Final = """\
 // 1 / sqrt(x), rounded once, of numbers without an estimate.
 __attribute__((noinline)) T {name}_rare(T x) {
@@ -126,7 +136,7 @@ class Abilities:
     """The extensions of a compiler: `__builtin_reduce_or`, the functions of ELEMENTWISE, `__builtin_shufflevector`.
 
     `signs` are the widths for which it has the functions of SIGNS; `wider` are the widths of WIDER that it has;
-    `guesses` are the widths for which it has the functions of GUESSES.
+    `guesses` and `truncations` are the widths for which it has the functions of GUESSES and TRUNCATIONS.
     """
 
     reduce: bool = False
@@ -135,6 +145,7 @@ class Abilities:
     signs: frozenset[int] = frozenset()
     wider: frozenset[int] = frozenset()
     guesses: frozenset[int] = frozenset()
+    truncations: frozenset[int] = frozenset()
 
 
 class PacketPrologue(Prologue):
@@ -198,6 +209,19 @@ class PacketPrologue(Prologue):
         text = text.replace("RARE", rare).replace("{name}", name)
         self.ask(name, lambda: re.sub(r"\bT\b", f"float{self.lanes}", text))
         return True
+
+    def ints(self) -> str:
+        """Add the conversion of binary32 to ints; return its name, or "" if the compiler has none of TRUNCATIONS."""
+        length = self._length(self.abilities.truncations)
+        parts = [TRUNCATIONS[length].format(f"x{part}") for part in self._parts(length)] if length else []
+        ints, joined = f"int{self.lanes}", ", ".join(parts)
+        text = f"""\
+// The ints nearest to zero; the nearest ones for numbers out of range, 0 for NaN.
+{ints} sh_{ints}(float{self.lanes} x) {{
+    {ints} n = {joined if len(parts) == 1 else f"({ints})({joined})"} ^ (x >= 2147483648.0f);
+    return x == x ? n : ({ints})(0);
+}}"""
+        return self.ask(f"sh_{ints}", lambda: text) if parts else ""
 
     def _length(self, widths: Iterable[int]) -> int:
         """Return the largest of the widths that a packet has once or several times; 0 if there is none."""
