@@ -201,9 +201,9 @@ def sessions(setup: Setup) -> Table:
     """Measure processes of plain calls, cold and then warm, beside those with each backend pinned.
 
     The policy of "auto" (`shpy/run/tiers`) promises at most twice the time of the better backend with the same caches.
-    Each backend fills its own here. Up to 2,000,000 elements, cold: 5.1 s of CPU, numpy 4.1 and OpenCL 3.3; warm 4.3
-    and 0.6. Five processes of "auto" one after the other took 4.3, 2.6, 1.5, 1.4 and 1.5 s, and 5.3, 4.0, 2.3, 2.2
-    and 2.1 s where seconds of earlier processes did not count.
+    Each backend fills its own here, so that a second process of "auto" still compiles programs that OpenCL's has
+    compiled. Eight processes of the largest one after the other took 2.7, 1.5, 1.0, 1.3, 0.8, 0.8, 0.8 and 0.8 s of
+    CPU; 2.7, 2.7, 1.5, 1.7, 1.0, 1.0, 1.0 and 1.0 s where each program paid for OpenCL's start alone.
     """
     sizes = (1_000,) if setup.quick else (10_000, 200_000, 2_000_000)
     texts = {f"five programs, {n:,}": f"from benchmarks.startup import session; session({n})" for n in sizes}

@@ -59,8 +59,10 @@ def python(text, **settings):
 
 
 def test_seconds_of_earlier_processes_pay_for_a_compilation(tmp_path, monkeypatch):
-    """A new executable is what a new process has: of a text that costs a second, numpy's quarters of it add up."""
+    """A new executable is what a new process has: of a text that costs a second, numpy's parts of it add up."""
+    monkeypatch.setattr(tiers, "_PARTS", 4)
     monkeypatch.setattr(tiers.TieredExecutable, "expected", lambda self, *, cached: 0.1 if cached else 1.0)
+    monkeypatch.setattr(tiers.TieredExecutable, "_shared", lambda self, *, cached: 0.0)
 
     def processes(number, *totals):
         @sh.program
@@ -78,6 +80,43 @@ def test_seconds_of_earlier_processes_pay_for_a_compilation(tmp_path, monkeypatc
     monkeypatch.setenv("SHPY_CACHE_DIR", "")  # nothing is kept
     for _ in range(3):
         assert processes(2, 0.2, 0.6) == [False, False]
+
+
+def test_programs_of_a_process_pay_together_for_the_start_of_opencl(tmp_path, monkeypatch):
+    """What each program costs beside it is paid by its own seconds alone."""
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
+    for name, value in {"_START": 1.0, "_COMPILER": 2.0, "_CACHED": (0.1, 0.0), "_COLD": (0.5, 0.0)}.items():
+        monkeypatch.setattr(tiers, name, value)
+    monkeypatch.setattr(tiers, "_in_all", 0.0)
+    monkeypatch.setattr(tiers, "is_open", lambda: False)
+
+    @sh.program
+    def one(x: sh.Attrib1f):
+        return x / 3
+
+    @sh.program
+    def other(x: sh.Attrib1f):
+        return x / 7
+
+    first, second = (tiers.auto.compile(p.ir, p.compile("auto").options) for p in (one, other))
+    assert not second._is_due(1.0)
+    first._spend(0.75)
+    assert not first._is_due(0.75)  # the seconds of one program count once
+    assert second._is_due(0.375)
+    assert not second._is_due(0.25)
+    assert not second._has_paid(2.5)
+    assert second._has_paid(2.75)
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path / "other"))
+    first._spend(10)
+    second = tiers.auto.compile(other.ir, other.compile("auto").options)
+    assert second._is_due(0.125)
+    assert not second._has_paid(0.375)
+    assert second._has_paid(0.5)
+    monkeypatch.setattr(tiers, "is_open", lambda: True)
+    monkeypatch.setattr(tiers, "_in_all", 0.0)
+    third = tiers.auto.compile(one.ir, one.compile("auto").options)
+    assert third._is_due(0.125)
+    assert not third._is_due(0.0625)
 
 
 FORKED = """

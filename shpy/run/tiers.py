@@ -5,8 +5,10 @@ to compile. numpy computes until the seconds spent on it, and the rest of the ca
 compiling for OpenCL is expected to cost. Then the caller waits for the driver, and OpenCL goes on, also in the middle
 of a call. So a process takes at most about twice the time of the better backend, however wrong the expectation is
 (the ski rental problem; Karlin et al. 1988). Seconds that earlier processes spent on a program count as well, in
-quarters of that cost: a script that is run again and again would never reach it otherwise. One of its processes then
-compiles sooner, and the bound is that of all of them together.
+sixteenths of that cost: a script that is run again and again would never reach it otherwise. One of its processes then
+compiles sooner, and the bound is that of all of them together. The programs of a process pay together for the start
+of OpenCL, which they share: eight processes of five programs took 0.73 of the time of programs that each pay it alone
+(`benchmarks/startup`).
 
     kernel = program.compile("auto")
     kernel(x)                  # kernel.runs_on == "numpy"
@@ -47,16 +49,16 @@ REFUSES: Final = f"{BETTER} does not take it ({{}})"
 _COMPILED: Final = "texts that OpenCL compiled"
 """The list of texts whose binaries the driver is expected to have in its own files."""
 _SPENT: Final = "seconds that numpy spent on texts"
-"""The list of texts with the quarters of the cost of compiling that processes spent on them without compiling."""
-_QUARTERS: Final = 4
+"""The list of texts with the parts of the cost of compiling that processes spent on them without compiling."""
+_PARTS: Final = 16
 _START: Final = 0.2
 """Seconds to load pyopencl and to open a driver, once in a process."""
 _COMPILER: Final = 0.6
 """Seconds until a driver compiles the first text of a process: PoCL reads its library of functions."""
 _COLD: Final = (0.19, 0.0011)
 """Seconds to compile a program, and each of its prepared statements: off by 1.5 times on the mean of 26 programs."""
-_CACHED: Final = (0.02, 0.00035)
-"""The same where the driver has compiled this text in an earlier process."""
+_CACHED: Final = (0.015, 0.00015)
+"""The same where the driver has compiled this text in an earlier process: 22 programs took 0.3 to 1.5 of it."""
 _LOOK: Final = 0.02
 """Seconds between two readings of the clock in the middle of a call."""
 _SMALL: Final = 256
@@ -69,6 +71,10 @@ _LAUNCH: Final = 5e-5
 """Seconds of OpenCL's shortest call: numpy runs what it can run in that time."""
 _TRIED: Final = 4
 """Calls of OpenCL, of which the fastest is compared with numpy: drivers compile in the first ones, too."""
+
+
+_in_all = 0.0
+"""Seconds that numpy spent on all programs of "auto" in this process."""
 
 
 class AutoBackend:
@@ -107,13 +113,28 @@ class TieredExecutable:
         self._trials: list[float] = []
         """Seconds for each element of OpenCL's first calls."""
         self._worth = self.expected(cached=True)
-        """Seconds from which on compiling is considered next."""
+        """Seconds, with those of other programs, from which on compiling is considered next."""
         self._earlier: int | None = None
-        """Quarters of the cost of compiling that earlier processes spent; None before they are read."""
+        """Parts of the cost of compiling that earlier processes spent; None before they are read."""
 
     def expected(self, *, cached: bool) -> float:
         """Return the seconds that compiling for OpenCL is expected to take, `cached` in the driver's files or not."""
-        return expected([(self._statements, cached)])
+        return expected([(self._statements, cached)], starts=True)
+
+    def _spend(self, seconds: float) -> None:
+        """Count seconds that numpy spent on this program."""
+        global _in_all
+        self._spent += seconds
+        _in_all += seconds
+
+    def _shared(self, *, cached: bool) -> float:
+        """Return the seconds of OpenCL's start that other programs have paid, or all of them if it has started."""
+        start = _start(cached=cached)
+        return start if is_open() else min(start, _in_all - self._spent)
+
+    def _is_due(self, total: float) -> bool:
+        """Return whether numpy's `total` seconds may pay for OpenCL."""
+        return total + self._shared(cached=True) >= self._worth
 
     @property
     def runs_on(self) -> str:
@@ -172,9 +193,9 @@ class TieredExecutable:
         start = time.thread_time()
         status: Array | None = self._quick.run(call)
         seconds = time.thread_time() - start
-        self._spent += _SAMPLE * seconds
+        self._spend(_SAMPLE * seconds)
         self._elements, self._seconds = self._elements + call.count, self._seconds + seconds
-        if self._spent >= self._worth:
+        if self._is_due(self._spent):
             self._take_over(self._spent)
         return status
 
@@ -187,10 +208,11 @@ class TieredExecutable:
             now = time.thread_time()
             if now - last < _LOOK:
                 return False
-            self._spent, last = self._spent + now - last, now
+            self._spend(now - last)
+            last = now
             rest = (now - start) / done * (call.count - done)
             total = self._spent + rest
-            if total < self._worth:
+            if not self._is_due(total):
                 return False
             self._elements, self._seconds = self._elements + done, self._seconds + now - start
             return self._take_over(total)
@@ -198,9 +220,9 @@ class TieredExecutable:
         ended, status = self._quick.run_until(call, stop, self._first_tile())
         if ended:
             now = time.thread_time()
-            self._spent += now - last
+            self._spend(now - last)
             self._elements, self._seconds = self._elements + call.count, self._seconds + now - start
-            if self._spent >= self._worth:
+            if self._is_due(self._spent):
                 self._take_over(self._spent)
         return ended, status
 
@@ -254,22 +276,23 @@ class TieredExecutable:
         self._better = better
 
     def _has_paid(self, total: float) -> bool:
-        """Return whether numpy's seconds, with those of earlier processes, reach the cost of a text without a binary.
+        """Return whether numpy's seconds, with those of others, reach the cost of a text without a binary.
 
-        If not, remember how many quarters of it they are.
+        Others are earlier processes, for this program, and other programs of this process, for the start of OpenCL. If
+        not, remember how many parts of the cost this program paid.
         """
         from shpy.backend.device import store
 
-        cost, names = self.expected(cached=False), [f"{self._text}+{n}" for n in range(_QUARTERS)]
+        cost, names = self.expected(cached=False), [f"{self._text}+{n}" for n in range(_PARTS)]
         if self._earlier is None:
-            self._earlier = max(n for n in range(_QUARTERS) if not n or store.is_remembered(_SPENT, names[n]))
-        seconds = self._earlier * cost / _QUARTERS + total
-        if seconds >= cost:
+            self._earlier = max(n for n in range(_PARTS) if not n or store.is_remembered(_SPENT, names[n]))
+        seconds = self._earlier * cost / _PARTS + total
+        if seconds + self._shared(cached=False) >= cost:
             return True
-        quarters = int(_QUARTERS * seconds / cost)
-        if quarters > self._earlier:
-            store.remember(_SPENT, names[quarters])
-        self._worth = total + cost / _QUARTERS
+        parts = int(_PARTS * seconds / cost)
+        if parts > self._earlier:
+            store.remember(_SPENT, names[parts])
+        self._worth = total + self._shared(cached=True) + cost / _PARTS
         return False
 
     @cached_property
@@ -307,18 +330,28 @@ def statements_of(quick: Any) -> int:
     return sum(1 for f in quick.prepared.module.functions for _ in walk(f.body))
 
 
-def expected(programs: Iterable[tuple[int, bool]]) -> float:
+def expected(programs: Iterable[tuple[int, bool]], *, starts: bool | None = None) -> float:
     """Return the seconds that compiling for OpenCL is expected to take.
 
-    Of each program: its statements, and whether the driver has its binary in its files.
+    Of each program: its statements, and whether the driver has its binary in its files. `starts` tells whether OpenCL
+    has to be opened; None: what holds now.
     """
-    seconds, start = 0.0, 0.0 if "pyopencl" in sys.modules else _START
-    is_cold = False
+    seconds, is_cold = 0.0, False
     for statements, cached in programs:
         once, each = _CACHED if cached else _COLD
         seconds += once + each * statements
         is_cold |= not cached
-    return seconds + start + (_COMPILER if is_cold and start else 0.0)
+    return seconds + (_start(cached=not is_cold) if (not is_open() if starts is None else starts) else 0.0)
+
+
+def _start(*, cached: bool) -> float:
+    """Return the seconds of OpenCL's start, and unless programs are `cached`, of the start of its compiler."""
+    return _START if cached else _START + _COMPILER
+
+
+def is_open() -> bool:
+    """Return whether this process has loaded OpenCL."""
+    return "pyopencl" in sys.modules
 
 
 def is_installed() -> bool:
