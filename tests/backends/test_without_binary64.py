@@ -154,7 +154,6 @@ assert cli.main([*words, "--math", "portable"]) == 0
 """
 
 
-@pytest.mark.slow
 def test_a_driver_without_the_extension(tmp_path: Path) -> None:
     environment = {**os.environ, "MESA_EXTENSION_OVERRIDE": "-GL_ARB_gpu_shader_fp64", "SHPY_CACHE_DIR": ""}
 
