@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import peers
+from benchmarks.frames import settled
 from benchmarks.rays import mitsuba_scene, mitsuba_sensor
 from benchmarks.report import spread
 from benchmarks.rounds import Apart
@@ -169,6 +170,7 @@ class _Timed:
 
 def _ours(scene: Callable[[], Scene], size: int, samples: int) -> Any:
     renderer = Renderer(scene(), backend=backend(), integrator="path", bounces=BOUNCES)
+    settled(renderer, size, samples)
 
     def run(seed: int) -> np.ndarray:
         renderer.integrator = replace(renderer.integrator, seed=seed)

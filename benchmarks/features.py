@@ -9,12 +9,12 @@ alone.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
+from benchmarks.frames import settled
 from benchmarks.rounds import in_turns
 from benchmarks.tables import Setup, Table
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Scene, Surface, Texture, shaders
@@ -110,10 +110,7 @@ def features(setup: Setup) -> Table:
     rounds = {}
     for backend in backends:
         size = 16 if setup.quick else SIZES[backend]
-        runs = {
-            name: partial(case.renderer(backend).render, (size, size), samples=case.samples)
-            for name, case in cases_by_name.items()
-        }
+        runs = {name: settled(case.renderer(backend), size, case.samples) for name, case in cases_by_name.items()}
         times = {name: t.cpu for name, t in in_turns(runs, 1 if setup.quick else 5).items()}
         for name, row in rows.items():
             row.append(f"{min(times[name]) / min(times['plain']):.2f}")

@@ -71,7 +71,7 @@ def _frames(name: str, note: str, what: str, cases: Sequence[tuple[Any, Scene, i
     rows, rounds = [], {}
     for case, scene, size, bounces in cases:
         renderer = Renderer(scene, backend=backend(), bounces=bounces)
-        (times,) = in_turns({name: partial(renderer.render, (size, size))}, ROUNDS).values()
+        (times,) = in_turns({name: frames.settled(renderer, size)}, ROUNDS).values()
         shot, cpu = int(renderer.render((size, size)).stats.rays), min(times.cpu)
         rows.append([str(case), f"{1e3 * min(times.seconds):.1f}", f"{1e3 * cpu:.1f}", f"{shot:,}", rate(shot, cpu)])
         rounds[str(case)] = times.seconds
