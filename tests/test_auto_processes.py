@@ -83,7 +83,7 @@ def test_seconds_of_earlier_processes_pay_for_a_compilation(tmp_path, monkeypatc
 
 
 def test_programs_of_a_process_pay_together_for_the_start_of_opencl(tmp_path, monkeypatch):
-    """What each program costs beside it is paid by its own seconds alone."""
+    """The cost of a program beside it is paid by its own seconds alone."""
     monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
     for name, value in {"_START": 1.0, "_COMPILER": 2.0, "_CACHED": (0.1, 0.0), "_COLD": (0.5, 0.0)}.items():
         monkeypatch.setattr(tiers, name, value)

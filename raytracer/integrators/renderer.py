@@ -270,8 +270,7 @@ class Renderer:
                 raise
             # The lines that it names, and its cure, are those of our kernels.
             reason = f"GLSL cannot run the kernel of this scene here: {error.message}"
-            others = 'backend="opencl" or backend="numpy"'
-            cure = f'{others}; or math="portable"' if error.lacks == "f64" else others
+            cure = 'backend="opencl" or backend="numpy"' + ('; or math="portable"' if error.lacks == "f64" else "")
             raise sh.CompileError(reason, cure=cure, lacks=error.lacks) from None
         self.record_seconds += recorded - started
         self.compile_seconds += time.perf_counter() - recorded
