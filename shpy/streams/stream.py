@@ -270,9 +270,10 @@ class Stream(StreamReductions, StreamFields):
         place = _place(backend, device, self.place.precision)
         if place == self.place:
             return self
-        if place.space.on_host:  # what is read from a device is an array of nobody else
-            arrays = zip(self._memories, _kinds(self._type, place.precision), strict=True)
-            memories = [place.space.wrap(np.require(m.read(), dtype, ["C", "W"]), type, dtype) for m, (type, dtype) in arrays]
+        if place.space.on_host:  # an array that is read from a device belongs to nobody else
+            arrays = [np.require(memory.read(), memory.dtype, ["C", "W"]) for memory in self._memories]
+            kinds = _kinds(self._type, place.precision)
+            memories = [place.space.wrap(a, *kind) for a, kind in zip(arrays, kinds, strict=True)]
             return Stream.over(self._type, self._shape, place, memories)
         copy = Stream.fresh(self._shape, self._type, place)
         for memory, copied in zip(self._memories, copy._memories, strict=True):
