@@ -110,6 +110,8 @@ class _Names:
 
     def _statement(self, statement: Stmt) -> Stmt | list[Stmt]:
         match statement:
+            case Let(value, "grid_index" | "grid_shape"):
+                self._check_rank(value)
             case Let(_, "table" | "table_size", _, str(name)):
                 return replace(statement, attr=self.tables[name])
             case Let(value, "param", _, str(name)):
@@ -122,6 +124,17 @@ class _Names:
             case Call(name):
                 return replace(statement, function=self.functions[name])
         return statement
+
+    def _check_rank(self, value: Value) -> None:
+        """Raise ShpyTypeError if the caller needs elements with another number of axes."""
+        axes = value.type.size
+        if (other := self.recording.other_rank(axes, value.loc)) is not None:
+            raise ShpyTypeError(
+                f"{self.recorded.module.name} takes elements of {axes} axes ({value.loc}), and {other.loc} takes "
+                f"{other.axes}",
+                loc=here(),
+                cure=f"sh.grid_index({other.axes}) there, or inputs in place of sh.grid_index({axes})",
+            )
 
     def _uniform(self, value: Value, uniform: Any) -> Stmt | list[Stmt]:
         """Return the source of a uniform's value: a constant, the uniform itself, or its expression."""

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from shpy.errors import RecordError
 from shpy.ir.names import free, fresh
@@ -209,6 +209,13 @@ class Frame:
         return Function(self.name, named_inputs, results, slots, body, pure, self.loc)
 
 
+class Rank(NamedTuple):
+    """The number of axes that a program needs its elements to have, and the first line that needs it."""
+
+    axes: int
+    loc: Loc | None
+
+
 class Recording:
     """One program being recorded: its frames, and the params, tables and subroutines that it uses."""
 
@@ -220,8 +227,13 @@ class Recording:
         self.tables: dict[str, Any] = {}
         self.subroutines: dict[Any, Any] = {}
         self.underway: list[Any] = []
-        self.ranks: dict[int, Loc | None] = {}
+        self.rank: Rank | None = None
         self.frames = [Frame(self, name, loc)]
+
+    def other_rank(self, axes: int, loc: Loc | None) -> Rank | None:
+        """Note how many axes a line needs the elements to have; return the other number that a line needs, or None."""
+        self.rank = self.rank or Rank(axes, loc)
+        return None if self.rank.axes == axes else self.rank
 
     @property
     def frame(self) -> Frame:

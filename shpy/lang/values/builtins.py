@@ -223,15 +223,12 @@ def _grid(op: str, n: int) -> Any:
     if not is_int(n) or n not in (1, 2, 3, 4):
         raise ShpyTypeError(f"sh.{op} takes the rank of the elements' shape, 1 to 4", loc=here(), cure=f"sh.{op}(2)")
     frame = need_frame(f"sh.{op}")
-    ranks = frame.recording.ranks
-    ranks[n] = here()
-    for other, loc in ranks.items():
-        if other != n:
-            raise ShpyTypeError(
-                f"sh.{op}({n}) takes elements of {n} axes, and {loc} takes {other}",
-                loc=here(),
-                cure=f"sh.{op}({other})",
-            )
+    if (other := frame.recording.other_rank(n, here())) is not None:
+        raise ShpyTypeError(
+            f"sh.{op}({n}) takes elements of {n} axes, and {other.loc} takes {other.axes}",
+            loc=here(),
+            cure=f"sh.{op}({other.axes})",
+        )
     return make_value("Attrib", vec(Base.I, n), frame, frame.let(op, (), vec(Base.I, n)))
 
 
