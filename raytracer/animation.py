@@ -184,12 +184,12 @@ class SceneFunction:
             scene: Scene = self.make(time)
         except Exception as error:
             raise _mistake(self.path, error) from error
-        return _checked_scene(scene, time)
+        return _checked_scene(scene, time, f"{self.path}: ")
 
 
-def _checked_scene(scene: Any, time: float) -> Scene:
+def _checked_scene(scene: Any, time: float, where: str = "") -> Scene:
     if not isinstance(scene, Scene):
-        raise SceneError(f"scene({time:g}) gives a {type(scene).__name__}, not a raytracer.Scene")
+        raise SceneError(f"{where}scene({time:g}) returns {type(scene).__name__}, not a raytracer.Scene")
     return scene
 
 

@@ -63,7 +63,8 @@ def _run(arguments: Sequence[str] | None) -> int:
             warnings.showwarning = _show
             with ThreadPoolExecutor(1, "raytracer-device") as meanwhile:
                 meanwhile.submit(_open_backend, options)
-                return int(options.run(options))
+                with mistakes_in(Path(getattr(options, "scene", None) or "")):
+                    return int(options.run(options))
     except BrokenPipeError:
         raise
     except (SceneError, ClusterError, sh.ShpyError, OSError) as error:
@@ -451,9 +452,8 @@ def _animate(options: argparse.Namespace) -> int:
     with progress_bar(f"{options.scene}, {frames:,} frames") as progress:
         done = 0
         try:
-            with mistakes_in(Path(options.scene)):
-                for done in steps:
-                    progress(done, frames)
+            for done in steps:
+                progress(done, frames)
         except KeyboardInterrupt as error:
             kept = f"stopped; {output} holds the first {done:,} of {frames:,} frames: --resume draws the others"
             raise type(error)(kept if done and output.is_dir() else "") from None

@@ -134,7 +134,7 @@ def test_mistakes_are_found_before_a_frame_is_made(tmp_path, monkeypatch):
             "red = Material(surface=lambda hit: hit.colour)\ndef scene(time):\n    return Scene(box(material=red))",
             "wave.py:3: AttributeError: this Hit has no colour",
         ),
-        ("def scene(time):\n    return 3", "gives a int, not a raytracer.Scene"),
+        ("def scene(time):\n    return 3", "returns int, not a raytracer.Scene"),
     ],
 )
 def test_mistakes_in_a_file_are_named_with_their_line(tmp_path, capsys, text, what):

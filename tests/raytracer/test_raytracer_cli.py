@@ -143,7 +143,7 @@ def test_scenes_lists_scenes_that_move(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        ("def scene(time):\n    return 3\n", "scene(0) gives a int, not a raytracer.Scene"),
+        ("def scene(time):\n    return 3\n", "scene(0) returns int, not a raytracer.Scene"),
         ("def scene(time):\n    return 1 / time\n", "moving.py:2: ZeroDivisionError"),
         ("x = 1\n", "defines no function scene"),
     ],
@@ -155,6 +155,22 @@ def test_mistakes_in_a_file_of_a_moving_scene(tmp_path, monkeypatch, capsys, com
     assert cli.main([*command, "moving.py"]) == 1
     assert error in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir() if path.name != "__pycache__"] == ["moving.py"]
+
+
+@pytest.mark.parametrize("command", [["render", "--time", "0"], ["animate", "--frames", "1"]], ids=lambda c: c[0])
+def test_mistakes_in_a_surface_name_its_line(tmp_path, monkeypatch, capsys, command):
+    """They are made while the kernel is recorded, long after the file has run."""
+    monkeypatch.chdir(tmp_path)
+    text = (
+        "import raytracer as rt\nfrom raytracer.meshes.shapes import sphere\n\n"
+        "def odd(hit):\n    return rt.Surface(colour=hit.position)\n\n"
+        "def scene(time):\n    return rt.Scene([sphere(1, rt.Material(surface=odd))], [rt.PointLight((3, 5, 5))])\n"
+    )
+    (tmp_path / "moving.py").write_text(text)
+    assert cli.main([*command, "moving.py", "--size", "8x8", "--backend", "numpy"]) == 1
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert lines[-1].startswith("raytracer: moving.py:5: TypeError: ")
+    assert "Traceback" not in "".join(lines)
 
 
 @pytest.mark.parametrize(

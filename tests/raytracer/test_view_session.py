@@ -379,7 +379,7 @@ ODD = "class Odd(Exception):\n    {}\ndef scene(time):\n    raise Odd('it is odd
         ("x = 1\n", "defines no function scene", None),
         (ODD.format("def __str__(self): raise ValueError"), "str() failed", 4),
         (ODD.format("message, loc, cure = b'', 3, {}"), "it is odd", 4),
-        ("def scene(time):\n    return 3\n", "gives a int, not a raytracer.Scene", None),
+        ("def scene(time):\n    return 3\n", "returns int, not a raytracer.Scene", None),
     ],
 )
 def test_a_mistake_in_a_file_is_explained_with_its_line(tmp_path, text, message, line):
