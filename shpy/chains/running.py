@@ -331,7 +331,7 @@ class Run:
                 f"the stream {key} has the shape {now.shape}, and {member.signature if member else 'a kernel'} would "
                 f"replace it by one of the shape {shape}",
                 loc=here(),
-                cure="another name for the output",
+                cure=f"another name for the output, or inputs of the shape {now.shape}",
             )
         owned = [stream for stream in self._owned.setdefault(key, []) if stream.shape == shape]
         type_ = None if member is None else member.inputs.get(key)
@@ -360,7 +360,9 @@ class Run:
                 f"the stream {name} has the shape {stream.shape}, and {member.signature} reads it as a Table of "
                 f"{type_.rank} axes",
                 loc=here(),
-                cure=f"sh.Table[{spoken_type(type_.cls)}, {len(stream.shape)}]",
+                cure=f"sh.Table[{spoken_type(type_.cls)}, {len(stream.shape)}]"
+                if len(stream.shape) in (1, 2, 3)
+                else f"an array of {type_.rank} axes for {name}",
             )
         return stream
 

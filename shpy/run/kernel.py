@@ -324,10 +324,11 @@ class Kernel(Unchanging):
 
     def _check_rank(self, shape: tuple[int, ...]) -> None:
         if self._rank is not None and self._rank != len(shape):
+            extents = ("(h,)", "(h, w)", "(h, w, d)", "(h, w, d, n)")[self._rank - 1]
             raise ShpyTypeError(
                 f"{self.recorded.module.name} uses grid_index({self._rank}) and is run over the shape {shape}",
                 loc=here(),
-                cure=f"shape=({', '.join('hwdn'[: self._rank])}), of rank {self._rank}",
+                cure=f"shape={extents}, of rank {self._rank}",
             )
 
     def limit_error(self, count: int, first: int, result: Any) -> LoopLimitExceeded:

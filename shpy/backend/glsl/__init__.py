@@ -99,7 +99,8 @@ class GlslBackend:
     def compile(self, module: Module, options: Options) -> GlslExecutable:
         """Prepare, print and build; CompileError, at the user's line, for a type that GLSL or the device lacks."""
         if options.lanes not in ("auto", 1):
-            raise CompileError(f"glsl runs one element a lane, not {options.lanes}", loc=module.entry.loc)
+            what = f"lanes={options.lanes!r} is for OpenCL: GLSL runs one element a work item"
+            raise CompileError(what, cure='program.compile("glsl")')
         return self._compiled(module, options, self._limits(options.device or 0))
 
     def _compiled(self, module: Module, options: Options, limits: Limits) -> GlslExecutable:

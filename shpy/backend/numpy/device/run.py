@@ -87,7 +87,8 @@ class NumpyBackend:
         if options.device not in (None, 0):
             raise BackendUnavailable(f"numpy has one device, not a device {options.device}", cure="device=0")
         if options.lanes not in ("auto", 1):
-            raise CompileError(f"numpy runs tiles of elements, not {options.lanes}", loc=module.entry.loc)
+            what = f"lanes={options.lanes!r} is for OpenCL: numpy runs tiles of elements"
+            raise CompileError(what, cure='program.compile("numpy")')
         functions = _functions(module) if options.math == "strict" else frozenset()
         trusted = frozenset(filter(exact.trusted, functions))
         prepared = prepare(module, options, replace(TARGET, exact=trusted))
