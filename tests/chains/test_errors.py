@@ -192,7 +192,7 @@ def test_shapes():
 
     assert message(lambda: sh.sequence(copy).run(x=np.zeros(3), y=np.zeros(4), backend="numpy")) == (
         "the stream x has the shape (3,), and copy(y: Attrib1f) -> (x: Attrib1f) would replace it by one of the shape "
-        "(4,)\nanother name for the output"
+        "(4,)\nanother name for the output, or inputs of the shape (3,)"
     )
 
 
