@@ -9,8 +9,8 @@ and which of them are read afterwards. The text is read only for the message (`s
     return x
 
 A name that is first bound inside the block, or bound again before it is read, is no mistake. The items of lists and
-dicts and the attributes of objects are compared too, one level deep. Without text (a REPL, `exec`, a file edited since)
-the same mistakes are found, and the cures are more general.
+dicts and the attributes of objects are compared too, one level deep, also where functions bind them that the block
+calls. Without text (a REPL, `exec`, a file edited since) the same mistakes are found, with more general cures.
 """
 
 from __future__ import annotations
@@ -98,23 +98,32 @@ def check_left(entries: list[Entry], what: str, loc: Loc | None, loop: bool, tes
 def _places(frame: FrameType, bound: Bound) -> Iterator[tuple[Place, Any]]:
     """Yield the places of a frame that some of its code binds, and what they hold."""
     names = frame.f_locals
-    yield from ((Place(name), names[name]) for name in bound.names if name in names)
-    if bound.attributes or bound.items:
+    of_others = frame.f_code.co_cellvars + frame.f_code.co_freevars if bound.calls else ()  # inner functions bind them
+    yield from ((Place(name), names[name]) for name in dict.fromkeys((*bound.names, *of_others)) if name in names)
+    if bound.attributes or bound.items or bound.calls:
         for name, thing in names.items():
             yield from _parts(name, thing, bound)
 
 
+def _contents(thing: Any) -> dict[str, Any]:
+    """Return the values of the language that an object has as attributes, by their names."""
+    slots = (slot for cls in type(thing).__mro__ for slot in cls.__dict__.get("__slots__", ()))
+    inside = getattr(thing, "__dict__", {}) | {slot: getattr(thing, slot, None) for slot in slots}
+    return {name: x for name, x in inside.items() if isinstance(x, Symbolic)}
+
+
 def _parts(name: str, thing: Any, bound: Bound) -> Iterator[tuple[Place, Any]]:
     """Yield the items of a list or dict, and the attributes of an object, that the code may bind."""
-    if type(thing) is list and bound.items:
+    if type(thing) in (list, dict):
         # If the length differs, Python has filled or emptied the list: its items were not rebound.
-        yield from ((Place(name, (k, len(thing))), x) for k, x in enumerate(thing))
-    elif type(thing) is dict and bound.items:
-        yield from ((Place(name, (k, None)), x) for k, x in thing.items())
-    elif bound.attributes and hasattr(thing, "__dict__") and not isinstance(thing, Symbolic):
-        if not isinstance(thing, ModuleType | FunctionType | type):
-            inside = {k: vars(thing).get(k, getattr(type(thing), k, _GONE)) for k in bound.attributes}
-            yield from ((Place(name, None, k), x) for k, x in inside.items() if x is not _GONE)
+        pairs, length = (thing.items(), None) if type(thing) is dict else (enumerate(thing), len(thing))
+        if bound.items or len(thing) < 1000:  # more are the host's numbers
+            yield from ((Place(name, (k, length)), x) for k, x in pairs if bound.items or isinstance(x, Symbolic))
+    elif not isinstance(thing, Symbolic | ModuleType | FunctionType | type):
+        inside = _contents(thing)
+        if hasattr(thing, "__dict__"):
+            inside |= {k: vars(thing).get(k, getattr(type(thing), k, _GONE)) for k in bound.attributes}
+        yield from ((Place(name, None, k), x) for k, x in inside.items() if x is not _GONE)
 
 
 def refuse_closed(value: Any, name: str | None, used: Loc | None) -> None:

@@ -28,11 +28,12 @@ _PASSES_ON = re.compile(r"LOAD_(FAST|DEREF|ATTR|METHOD)|COPY|SWAP|STORE_|UNPACK_
 
 @dataclass(slots=True)
 class Bound:
-    """The places that some instructions bind: names, attributes of any object, and whether items of any."""
+    """The places that some instructions bind: names, attributes of any object, and whether items, or those of calls."""
 
     names: dict[str, None] = field(default_factory=dict)
     attributes: dict[str, None] = field(default_factory=dict)
     items: bool = False
+    calls: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +84,7 @@ class Listing:
             for instruction in self.instructions[first:]:
                 if instruction.offset >= end:
                     break
+                bound.calls = bound.calls or instruction.opname.startswith("CALL")
                 if instruction.opname.startswith("STORE_"):
                     bound.names |= {name: None for kind, name in _named(instruction) if kind == "STORE"}
                     bound.items = bound.items or instruction.opname in ("STORE_SUBSCR", "STORE_SLICE")
