@@ -101,7 +101,7 @@ class PacketOperations(ClOperations):
     def convert(self, type: Type, e: Expr, source: Type) -> Expr:
         """Return a conversion of each lane; of floats to ints by the instruction of the device, if it has one."""
         if type.base is Base.I and source.base is Base.F and isinstance(source, Lanes):
-            ints = self.unit.prologue.ints()
+            ints = self.unit.prologue.ints() if self.unit.math != "fast" else ""  # whose compiler takes x == x for true
             if ints:
                 return tree.call(ints, type, e)
         return super().convert(type, e, source)
