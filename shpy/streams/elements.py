@@ -84,6 +84,15 @@ def _trailing(name: str, shape: Shape, size: int, *, is_color: bool) -> str:
     return f"an array whose last axis has {size} components"
 
 
+def completed(shape: Any, size: int) -> Any:
+    """Return a shape of `size` elements with -1, if it is one extent of several, replaced; any other as it is."""
+    extents = [shape] if is_int(shape) else list(sequence(shape) or ())
+    others = [n for n in extents if n != -1]
+    if len(others) != len(extents) - 1 or not all(is_int(n) and n > 0 for n in others) or size % math.prod(others):
+        return shape
+    return tuple(size // math.prod(others) if n == -1 else n for n in extents)
+
+
 def given_shape(shape: Any) -> Shape:
     """Return the argument `shape`: an int, or ints in a tuple, a list or an array of one axis."""
     single = is_int(shape)

@@ -33,7 +33,7 @@ from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import caller, here, located
 from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves, outside, spoken_type, type_of
 from shpy.passes.modes import Precision
-from shpy.streams.elements import InputLeaf, Shape, given_shape
+from shpy.streams.elements import InputLeaf, Shape, completed, given_shape
 from shpy.streams.fields import StreamFields, field_of, rows_of
 from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of
@@ -246,9 +246,10 @@ class Stream(StreamReductions, StreamFields):
     def reshape(self, *shape: Any) -> Stream:
         """Return a view of another shape, in C order: a write to the stream or the view changes both. No copy is made.
 
-        `shape`: an int, several, or a tuple. Raises ShpyTypeError for a shape of another number of elements.
+        `shape`: an int, several, or a tuple; one of them may be -1, which stands for what is left. Raises ShpyTypeError
+        for a shape of another number of elements.
         """
-        extents = given_shape(shape[0] if len(shape) == 1 else shape)
+        extents = given_shape(completed(shape[0] if len(shape) == 1 else shape, self.size))
         if math.prod(extents) != self.size:
             cure = f"a shape of {self.size:,} elements"
             raise ShpyTypeError(f"{self!r} has no view of the shape {extents}", loc=here(), cure=cure)

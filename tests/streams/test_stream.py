@@ -243,7 +243,7 @@ def test_memory_of_another_dtype_is_not_shared():
             sh.Stream.wrap(np.zeros(4, dtype))
     read_only = np.zeros(4, np.float32)
     read_only.flags.writeable = False
-    with refused("a stream of f shares a contiguous, writeable float32 array, not this float32 array"):
+    with refused("a stream of f shares a contiguous, writeable float32 array, not this read-only float32 array"):
         sh.Stream.wrap(read_only)
     with refused("a stream of i shares a contiguous pyopencl array of int32, not int64"):
         sh.Stream.wrap(sh.Stream([1], sh.Attrib1i, "opencl").native().astype(np.int64))

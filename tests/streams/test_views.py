@@ -116,3 +116,32 @@ def test_a_stream_that_moved_to_numpy_has_memory_of_its_own(source, kind, precis
     np.testing.assert_array_equal(moved.numpy(), values)
     moved.update(values[::-1])
     np.testing.assert_array_equal(stream.numpy(), others)
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [((-1,), (12,)), (-1, (12,)), ((-1, 2), (6, 2)), ((3, -1), (3, 4)), ((2, -1, 2), (2, 3, 2)), ((12, -1), (12, 1))],
+)
+def test_one_extent_may_be_left_open(shape, expected):
+    stream = sh.Stream(np.arange(12), sh.Attrib1f, "numpy").reshape(3, 4)
+    assert stream.reshape(shape).shape == expected
+    assert np.arange(12).reshape(shape).shape == expected
+
+
+@pytest.mark.parametrize("shape", [(-1, -1), (-1, 5), (-2, 6), (-1, 0)])
+def test_extents_that_cannot_be_completed(shape):
+    with pytest.raises(sh.ShpyTypeError, match="has a negative extent"):
+        sh.Stream(np.arange(12), sh.Attrib1f, "numpy").reshape(shape)
+
+
+def test_an_array_that_cannot_be_shared_says_why():
+    array = np.zeros(8, np.float32)
+    frozen = array[:]
+    frozen.flags.writeable = False
+    for bad, word in (
+        (array[::2], "non-contiguous float32"),
+        (frozen, "read-only float32"),
+        (array[:].astype(">f4"), ">f4"),
+    ):
+        with pytest.raises(sh.ShpyTypeError, match=f"not this {word} array"):
+            sh.Stream.wrap(bad, sh.Attrib1f)

@@ -83,7 +83,10 @@ class NumpySpace:
         """Memory that is the array's own: contiguous, (count, size) or (count,), of the dtype of kernels."""
         tail = (type.size,) if type.size > 1 else ()
         if not (isinstance(native, np.ndarray) and native.flags.carray and native.dtype == dtype):
-            spoken = f"{native.dtype} array" if isinstance(native, np.ndarray) else "object that is no array"
+            spoken = "object that is no array"
+            if isinstance(native, np.ndarray):
+                lacks = {"non-contiguous": not native.flags.c_contiguous, "read-only": not native.flags.writeable}
+                spoken = f"{' '.join([word for word, holds in lacks.items() if holds] + [str(native.dtype)])} array"
             raise ShpyTypeError(
                 f"a stream of {type!r} shares a contiguous, writeable {dtype} array, not this {spoken}",
                 cure="sh.Stream(array, type), which copies",
