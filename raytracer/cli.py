@@ -20,6 +20,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import shpy as sh
 from raytracer import viewing
 from raytracer.animation import ANIMATIONS, Make, animate, made_by, mistakes_in, spread
@@ -484,8 +486,9 @@ def _moving(options: argparse.Namespace) -> tuple[Make, int, float]:
 def _summary(image: Image) -> str:
     height, width = image.depth.shape
     stats = image.stats
+    no_numbers = int(np.isnan(image.pixels).any(axis=-1).sum())
     return (
         f"{width} x {height}, {stats.triangles:,} triangles, {stats.rays:,} rays on {stats.backend} "
         f"in {stats.seconds:.2f} s, after {stats.build_seconds + stats.record_seconds + stats.compile_seconds:.2f} s "
-        "of preparation"
+        f"of preparation{f'; {no_numbers:,} pixels are NaN' if no_numbers else ''}"
     )

@@ -173,6 +173,21 @@ def test_mistakes_in_a_surface_name_its_line(tmp_path, monkeypatch, capsys, comm
     assert "Traceback" not in "".join(lines)
 
 
+def test_pixels_that_are_no_numbers_are_counted(tmp_path, capsys):
+    text = (
+        "import raytracer as rt, shpy as sh\nfrom raytracer.meshes.shapes import sphere\n\n"
+        "def half(hit):\n    return rt.Surface(color=sh.Color3f(sh.sqrt(hit.position.x), 0, 0))\n\n"
+        "def scene(time):\n    ball = sphere(1, rt.Material(surface=half))\n"
+        "    return rt.Scene([ball], [rt.PointLight((3, 5, 5))], rt.Camera((0, 0, 4), (0, 0, 0)))\n"
+    )
+    (tmp_path / "half.py").write_text(text)
+    words = ["--time", "0", "--size", "16x12", "--backend", "numpy", "-o", str(tmp_path / "half.npy")]
+    assert cli.main(["render", str(tmp_path / "half.py"), *words]) == 0
+    count = int(np.isnan(np.load(tmp_path / "half.npy")).any(axis=-1).sum())
+    assert count > 10
+    assert f"of preparation; {count} pixels are NaN\n" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("changes", "devices"),
     [({}, ["opencl"]), ({"cluster": "local:2"}, []), ({"run": cli.scenes}, [])],
