@@ -183,7 +183,7 @@ def test_pixels_that_are_no_numbers_are_counted(tmp_path, capsys):
     (tmp_path / "half.py").write_text(text)
     words = ["--time", "0", "--size", "16x12", "--backend", "numpy", "-o", str(tmp_path / "half.npy")]
     assert cli.main(["render", str(tmp_path / "half.py"), *words]) == 0
-    count = int(np.isnan(np.load(tmp_path / "half.npy")).any(axis=-1).sum())
+    count = int(np.isnan(np.load(tmp_path / "half.npy")["pixels"]).any(axis=-1).sum())
     assert count > 10
     assert f"of preparation; {count} pixels are NaN\n" in capsys.readouterr().out
 
