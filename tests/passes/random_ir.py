@@ -426,7 +426,7 @@ class Generator:
 
 
 def random_module(seed: int, sizes: Sizes = Sizes(), *, lanes: bool = False, axes: int = 0) -> Module:
-    """The seed's module; with `axes`, it reads the index in a grid of so many."""
+    """Return the module of a seed; with `axes`, it reads the index in a grid of that many axes."""
     return Generator(seed, sizes, lanes=lanes, axes=axes).module()
 
 
