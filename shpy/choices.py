@@ -91,8 +91,9 @@ def choice(name: str, alternatives: Mapping[str, Callable[..., Any]]) -> Choice:
 def _recorded(program: Program | Choice, picks: Mapping[str, str]) -> tuple[Program, dict[str, Choice]]:
     """Return the program with these picks, and every choice that it meets."""
     picking = _Picking(picks)
-    token = _picking.set(picking)
+    before = _picking.get()
     try:
+        _picking.set(picking)
         if isinstance(program, Choice):
             result: Any = program.picked()
             result = result if isinstance(result, Program) else record_program(result)
@@ -102,7 +103,7 @@ def _recorded(program: Program | Choice, picks: Mapping[str, str]) -> tuple[Prog
             result = program if function is None else record_program(function)
         return result, picking.met
     finally:
-        _picking.reset(token)
+        _picking.set(before)
 
 
 def combinations(program: Program | Choice) -> Iterator[tuple[dict[str, str], Program]]:

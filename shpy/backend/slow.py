@@ -32,8 +32,8 @@ def announced(module: Module, backend: str) -> Iterator[None]:
 
 Heard = Callable[[str], None]
 _hearing: list[Heard] = []
-_lasting: list[str] = []
-"""The compilations that last, in the order in which they began."""
+_lasting: dict[object, str] = {}
+"""The compilations that last, by their blocks, in the order in which they began."""
 _lock = threading.Lock()
 SPOKEN = {"numpy": "numpy", "opencl": "OpenCL", "glsl": "GLSL"}
 """The names of backends as sentences have them."""
@@ -54,18 +54,19 @@ def _told(module: Module, backend: str) -> Iterator[None]:
         yield
         return
     text = f"compiling {sum(_work(module).values()):,} operations for {SPOKEN[backend]}"
-    _tell(lambda: _lasting.append(text))
+    block = object()
     try:
+        _tell(lambda: _lasting.update({block: text}))
         yield
     finally:
-        _tell(lambda: _lasting.remove(text))
+        _tell(lambda: _lasting.pop(block, None))
 
 
-def _tell(change: Callable[[], None]) -> None:
+def _tell(change: Callable[[], object]) -> None:
     with _lock:
         change()
         for heard in _hearing:
-            heard(_lasting[-1] if _lasting else "")
+            heard(next(reversed(_lasting.values()), ""))
 
 
 @contextmanager

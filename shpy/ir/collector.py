@@ -17,37 +17,40 @@ from contextlib import contextmanager
 
 
 class _Pause:
-    """The threads of all blocks that pause the collector, and the collector's state before the first block."""
+    """The blocks of all threads that pause the collector, and whether the first of them has to turn it on again."""
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
-        self.threads: list[int] = []
+        self.threads: dict[object, int] = {}
+        """The thread of each block."""
         self.was_on = False
 
-    def enter(self) -> None:
+    def enter(self, block: object) -> None:
         """Enter a block; the first block disables the garbage collector."""
         with self.lock:
             if not self.threads:
                 self.was_on = gc.isenabled()
-                gc.disable()
-            self.threads.append(threading.get_ident())
+            self.threads[block] = threading.get_ident()
+            gc.disable()
 
-    def leave(self) -> None:
-        """Leave a block; the last block restores the collector's state."""
+    def leave(self, block: object) -> None:
+        """Leave a block, unless that is done; the last block restores the collector's state."""
         with self.lock:
-            self.threads.remove(threading.get_ident())
+            self.threads.pop(block, None)
             self._restore()
 
     def forget_other_threads(self) -> None:
         """Drop the blocks of other threads, since in the child of a fork only the forking thread continues."""
         self.lock = threading.RLock()
         if self.threads:
-            self.threads = [thread for thread in self.threads if thread == threading.get_ident()]
+            own = threading.get_ident()
+            self.threads = {block: thread for block, thread in self.threads.items() if thread == own}
             self._restore()
 
     def _restore(self) -> None:
         if self.was_on and not self.threads:
             gc.enable()
+            self.was_on = False
 
 
 _PAUSE = _Pause()
@@ -58,8 +61,12 @@ if hasattr(os, "register_at_fork"):
 @contextmanager
 def uncollected() -> Iterator[None]:
     """Run the block without the collector. The last of these blocks in all threads restores its state."""
-    _PAUSE.enter()
+    block = object()
     try:
+        _PAUSE.enter(block)
         yield
     finally:
-        _PAUSE.leave()
+        try:
+            _PAUSE.leave(block)
+        finally:  # Ctrl-C in the first call would otherwise leave the collector off for good
+            _PAUSE.leave(block)

@@ -242,13 +242,11 @@ class TieredExecutable:
 
         Other threads go on with numpy meanwhile.
         """
-        if not self._compiling.acquire(blocking=False):
+        if self._compiling.locked():
             return False
-        try:
+        with self._compiling:  # Ctrl-C may come between a call of `acquire` and `try`
             if self._better is None and self._refusal is None:
                 self._compile(total)
-        finally:
-            self._compiling.release()
         return self._better is not None
 
     def _compile(self, total: float) -> None:

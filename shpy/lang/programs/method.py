@@ -101,8 +101,8 @@ class PerInstance:
                 loc=here(),
                 cure="a loop, with an sh.Array as the stack",
             )
-        self._underway.add(underway)
         try:
+            self._underway.add(underway)
             recording = self.record_for(instance)
         finally:
             self._underway.discard(underway)

@@ -50,7 +50,7 @@ class _RecordingState(threading.local):
 
     def __init__(self) -> None:
         self.library = 0
-        self.elsewhere: list[Loc | None] = []
+        self.elsewhere: tuple[Loc | None, ...] = ()
 
 
 _thread = _RecordingState()
@@ -149,11 +149,12 @@ def loc_in(code: CodeType, line: int) -> Loc:
 @contextmanager
 def at(loc: Loc | None) -> Iterator[None]:
     """Give statements recorded in the block the location `loc`, after the user's function has returned."""
-    _thread.elsewhere.append(loc)
+    before = _thread.elsewhere
+    _thread.elsewhere = (*before, loc)  # no call, since Ctrl-C may come between a call and `try`
     try:
         yield
     finally:
-        _thread.elsewhere.pop()
+        _thread.elsewhere = before
 
 
 def here() -> Loc | None:
@@ -179,14 +180,13 @@ def on_one_line(function: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(function)
     def run(*args: P.args, **named: P.kwargs) -> T:
-        elsewhere = _thread.elsewhere
-        if elsewhere:
+        if _thread.elsewhere:
             return function(*args, **named)
-        elsewhere.append(here())
+        _thread.elsewhere = (here(),)
         try:
             return function(*args, **named)
         finally:
-            elsewhere.pop()
+            _thread.elsewhere = ()
 
     return run
 
