@@ -10,12 +10,13 @@ from __future__ import annotations
 import multiprocessing
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from functools import cache
 from typing import Any
 
@@ -198,32 +199,41 @@ def workers(blocks: int) -> None:
 
 
 def sessions(setup: Setup) -> Table:
-    """Measure processes of plain calls, cold and then warm, beside those with each backend pinned.
+    """Measure processes of plain calls one after the other, each beside those with a backend pinned and the same files.
 
-    The policy of "auto" (`shpy/run/tiers`) promises at most twice the time of the better backend with the same caches.
-    Each backend fills its own here, so that a second process of "auto" still compiles programs that OpenCL's has
-    compiled. Eight processes of the largest one after the other took 2.7, 1.5, 1.0, 1.3, 0.8, 0.8, 0.8 and 0.8 s of
-    CPU; 2.7, 2.7, 1.5, 1.7, 1.0, 1.0, 1.0 and 1.0 s where each program paid for OpenCL's start alone.
+    The policy of "auto" (`shpy/run/tiers`) promises at most twice the time of the better backend. Each process finds
+    the files that those of "auto" before it left; a pinned process has a copy of them.
     """
     sizes = (1_000,) if setup.quick else (10_000, 200_000, 2_000_000)
     texts = {f"five programs, {n:,}": f"from benchmarks.startup import session; session({n})" for n in sizes}
     blocks = 4 if setup.quick else 400
     texts[f"{blocks} blocks in two workers, 100,000"] = f"from benchmarks.startup import workers; workers({blocks})"
     texts["5,000 calls, 64"] = SMALL.format(count=10 if setup.quick else 5000)
-    rows, rounds, count = [], {}, 2 if setup.quick else 4
+    rows, rounds, count = [], {}, 1 if setup.quick else 8
+    backends = ("numpy", "auto") if setup.quick else ("numpy", "opencl", "auto")
     for name, text in texts.items():
-        seconds: dict[str, list[float]] = {}
-        for backend in ("numpy", "auto") if setup.quick else ("numpy", "opencl", "auto"):
-            with tempfile.TemporaryDirectory() as cache:
-                own = [float(_run(["-c", text], cache, {"SHPY_BACKEND": backend})[0]) for _ in range(count)]
-            seconds[backend] = [own[0], min(own[1:])]
-            rounds[f"{name}, {backend}"] = own
-        for k, state in enumerate(("cold", "warm")):
-            better = min(both[k] for backend, both in seconds.items() if backend != "auto")
-            numbers = [f"{both[k]:.2f}" for both in seconds.values()]
-            rows.append([f"{name}, {state}", *numbers, f"{seconds['auto'][k] / better:.2f}"])
+        seconds: dict[str, list[float]] = {backend: [] for backend in backends}
+        with tempfile.TemporaryDirectory() as cache:
+            for k in range(count):
+                for backend in backends:
+                    with _copy_of(cache, copied=backend != "auto") as files:
+                        seconds[backend].append(float(_run(["-c", text], files, {"SHPY_BACKEND": backend})[0]))
+                *pinned, auto = (own[k] for own in seconds.values())
+                rows.append([f"{name}, process {k + 1}", *(f"{own[k]:.2f}" for own in seconds.values())])
+                rows[-1].append(f"{auto / min(pinned):.2f}")
+        rounds |= {f"{name}, {backend}": own for backend, own in seconds.items()}
     note = "CPU seconds of a process of plain calls, with 100 elements to as many as the row says, or of x + 1 with 64."
     return Table("sessions", note, ["programs, elements", *seconds, "auto, of the better"], rows, rounds)
+
+
+@contextmanager
+def _copy_of(folder: str, *, copied: bool) -> Iterator[str]:
+    """Return a copy of a folder for the block, or the folder itself."""
+    if not copied:
+        yield folder
+        return
+    with tempfile.TemporaryDirectory() as parent:
+        yield shutil.copytree(folder, os.path.join(parent, "files"))
 
 
 def importing(setup: Setup) -> Table:

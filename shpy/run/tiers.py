@@ -51,9 +51,9 @@ _COMPILED: Final = "texts that OpenCL compiled"
 _SPENT: Final = "seconds that numpy spent on texts"
 """The list of texts with the parts of the cost of compiling that processes spent on them without compiling."""
 _PARTS: Final = 16
-_START: Final = 0.2
+_START: Final = 0.1
 """Seconds to load pyopencl and to open a driver, once in a process."""
-_COMPILER: Final = 0.6
+_COMPILER: Final = 0.7
 """Seconds until a driver compiles the first text of a process: PoCL reads its library of functions."""
 _COLD: Final = (0.19, 0.0011)
 """Seconds to compile a program, and each of its prepared statements: off by 1.5 times on the mean of 26 programs."""

@@ -28,6 +28,7 @@ from shpy.backend.device.once import once, once_of_each
 from shpy.backend.device.pool import Kind, Pool, rounded
 from shpy.backend.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backend.device.processes import Driver, at_exit
+from shpy.backend.opencl.device.buffers import new_buffer
 from shpy.backend.opencl.device.compiler_trials import (
     MEMORY,
     SIZES,
@@ -66,8 +67,6 @@ ANY_SIZE = 1 << 16
 """Work items of the first launch of a kernel; all of them are idle, so it takes microseconds on any device."""
 _LEAST = 64
 """Bytes of the smallest buffer."""
-_TRIED: Final = 1 << 20
-"""Bytes of a buffer from which on the host allocates and frees as much memory before the driver does."""
 _TRIED_HERE: Final = "trials that a process ran itself"
 """The list of trials, by their keys, that some process has begun to run itself."""
 _NOT_OPTIMIZED: Final = "-cl-opt-disable"
@@ -243,19 +242,7 @@ class Machine:
 
     def take_of(self, kind: Kind) -> Any:
         """Return a buffer of a kind of `kind_of`."""
-        return self.pool.take(kind, lambda: self._buffer(kind.bytes))
-
-    def _buffer(self, size: int) -> Any:
-        """Return a new buffer; MemoryError of the driver if the host's memory, where it is used, has no such part.
-
-        PoCL allocates a buffer at its first use, and ends the process if it cannot.
-        """
-        if self.shares_memory and size >= _TRIED:
-            try:
-                np.empty(size, np.uint8)
-            except MemoryError as error:
-                raise self.cl.MemoryError(str(error)) from error
-        return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
+        return self.pool.take(kind, lambda: new_buffer(self, kind.bytes))
 
     def give_back(self, buffers: list[Any]) -> None:
         """Return buffers to the pool, after the device has finished with them."""
