@@ -39,19 +39,21 @@ def lower(
     exact: frozenset[str] = frozenset(),
     *,
     fuse: bool = False,
+    scalars: bool = False,
 ) -> Module:
     """Return the module without composite operations and transcendentals, but for those in `native`.
 
     Calls also replace the binary32 operations in `corrected`, a subset of CORRECTABLE, and the binary64 operations in
     `bounded`, a subset of BOUNDED: native ones that are accurate for small angles only. `formulas` are those of
     the transcendentals. The target rounds those in `exact` correctly, so they stay where the formulas do so too. With
-    `fuse`, the definitions of the operations in `fuse.FUSED` are contracted, so none of these stays.
+    `fuse`, the definitions of the operations in `fuse.FUSED` are contracted, so none of these stays. With `scalars` the
+    products of dot are operations of their own, which later passes find where a program computes the same ones.
     """
     library = Library(module, formulas, fuse=fuse)
     native = native - FUSED if fuse else native
 
     def lowered(function: Function, functions: Mapping[str, Function]) -> Function:
-        return _Lower(function, functions, native, corrected, bounded, exact, library).run()
+        return _Lower(function, functions, native, corrected, bounded, exact, library, scalars).run()
 
     lowered_module = each_function(module, lowered)
     return library.added(lowered_module)
@@ -67,6 +69,7 @@ class _Lower(Rewriter):
         bounded: frozenset[str],
         exact: frozenset[str],
         library: Library,
+        scalars: bool = False,
     ) -> None:
         super().__init__(function, functions)
         self.native = native
@@ -74,6 +77,8 @@ class _Lower(Rewriter):
         self.bounded = bounded
         self.exact = exact
         self.library = library
+        self.longest_dot = WIDEST_PORT if scalars and not library.fuse else 1
+        """The components of the operands up to which a dot is written as its products."""
 
     def let(self, let: Let) -> None:
         op = let.op
@@ -110,7 +115,7 @@ class _Lower(Rewriter):
             self.emit(let)
             return
         types = tuple(self.types[a] for a in let.args)
-        if (op in COMPOSITES and OPS[op].inline) or (op == "dot" and types[0].size == 1):
+        if (op in COMPOSITES and OPS[op].inline) or (op == "dot" and types[0].size <= self.longest_dot):
             self._inline(let, definition(op, types))
         else:
             callee = self.library.use(op, types, self._lowered)

@@ -117,7 +117,7 @@ def prepare(module: Module, options: Options, target: Target) -> PreparedModule:
     module = without_rules(module)
     plain = lower_half(set_precision(module, options.precision), formulas, target.exact)
     does = target.does(options.math)
-    lowered = lower(plain, does, corrected, bounded, formulas, target.exact, fuse=options.fuse)
+    lowered = lower(plain, does, corrected, bounded, formulas, target.exact, fuse=options.fuse, scalars=target.vector)
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
     if not target.long and has_long(lowered):

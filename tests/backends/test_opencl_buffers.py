@@ -24,10 +24,7 @@ __kernel void busy(__global uint *out, uint turns) {
 
 @pytest.fixture
 def machine():
-    machine = machine_of(None)
-    if not machine.shares_memory:
-        pytest.skip("this device has memory of its own")
-    return machine
+    return machine_of(None)
 
 
 def address_of(machine, buffer):
@@ -50,22 +47,23 @@ def flags_at(address):
     raise ValueError("no mapping")
 
 
-@pytest.mark.skipif(
-    not (hasattr(mmap, "MADV_HUGEPAGE") and Path("/sys/kernel/mm/transparent_hugepage").exists()),
-    reason="this system has no transparent huge pages",
-)
 def test_huge_pages_are_asked_for(machine, monkeypatch):
     asked, madvise = [], buffers._madvise()
     monkeypatch.setattr(buffers, "_madvise", lambda: lambda *args: asked.append((*args, madvise(*args))))
     new_buffer(machine, SIZE // 4)
     buffer = new_buffer(machine, SIZE)
+    if not (machine.shares_memory and hasattr(mmap, "MADV_HUGEPAGE")):
+        assert asked == []
+        return
     [(first, length, advice, result)] = asked
     address = address_of(machine, buffer)
     assert first % mmap.PAGESIZE == length % mmap.PAGESIZE == 0
     assert address <= first < address + mmap.PAGESIZE
     assert address + SIZE - mmap.PAGESIZE < first + length <= address + SIZE
-    assert (advice, result) == (mmap.MADV_HUGEPAGE, 0)
-    assert "hg" in flags_at(first)
+    assert advice == mmap.MADV_HUGEPAGE
+    # A kernel that was built without huge pages answers with an error.
+    assert ("hg" in flags_at(first)) == (result == 0)
+    assert (result == 0) == Path("/sys/kernel/mm/transparent_hugepage").exists()
 
 
 def test_a_new_buffer_does_not_wait_for_the_queue(machine):
@@ -84,5 +82,8 @@ def test_memory_that_the_host_lacks_is_an_error_of_the_driver(machine, monkeypat
         raise MemoryError("Unable to allocate 8 TiB")
 
     monkeypatch.setattr(buffers.np, "empty", refuse)
+    if not machine.shares_memory:
+        new_buffer(machine, SIZE)
+        return
     with pytest.raises(machine.cl.MemoryError, match="Unable to allocate 8 TiB"):
         new_buffer(machine, SIZE)

@@ -18,11 +18,11 @@ __kernel void lit(  // snapshot_programs.py:137
     }
     float8x3 p = sh_read_f3(p_in, p_step, packet);
     float8x3 n = sh_read_f3(n_in, n_step, packet);
-    float8 t = sh_max8(dot3(normalize3(n), (float8x3){(float8)(light.x), (float8)(light.y), (float8)(light.z)}), (float8)(0.0f));  // snapshot_programs.py:139
-    float8 result0_x = dot3((float8x3){(float8)(turn_0.x), (float8)(turn_0.y), (float8)(turn_0.z)}, p);
-    float8 result0_y = dot3((float8x3){(float8)(turn_1.x), (float8)(turn_1.y), (float8)(turn_1.z)}, p);
-    float8 result0_z = dot3((float8x3){(float8)(turn_2.x), (float8)(turn_2.y), (float8)(turn_2.z)}, p);
-    float8 result1 = t;
+    float8x3 t = normalize3(n);  // snapshot_programs.py:139
+    float8 result0_x = turn_0.x * p.x + turn_0.y * p.y + turn_0.z * p.z;
+    float8 result0_y = turn_1.x * p.x + turn_1.y * p.y + turn_1.z * p.z;
+    float8 result0_z = turn_2.x * p.x + turn_2.y * p.y + turn_2.z * p.z;
+    float8 result1 = sh_max8(t.x * light.x + t.y * light.y + t.z * light.z, (float8)(0.0f));
     sh_write_f3(result0_out, (float8x3){result0_x, result0_y, result0_z}, packet);
     sh_write_f(result1_out, result1, packet);
 }

@@ -1,9 +1,5 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-typedef struct {
-    float8 x, y;
-} float8x2;
-
 // The elements of a packet: 2 rows of 4 in an array that is `row` wide.
 // Each lane holds the element `first + at`, which is in column x of line y.
 typedef struct {
@@ -40,6 +36,10 @@ __attribute__((always_inline)) sh_packet sh_packet_at(int2 corner, ulong count, 
     p.y = y + (int8)(0, 0, 0, 0, 1, 1, 1, 1);
     return p;
 }
+
+typedef struct {
+    float8 x, y;
+} float8x2;
 
 // A vector for each lane of an array, one after the other.
 __attribute__((noinline)) float8x2 sh_read_f2_each(__global const float *a, int8 at) {
@@ -144,10 +144,6 @@ __attribute__((always_inline)) void sh_write_i(__global int *a, int8 v, sh_packe
     vstore4(x.s4567, 0, a + p.row);
 }
 
-float8 dot2(float8x2 a, float8x2 b) {
-    return a.x * b.x + a.y * b.y;
-}
-
 __kernel void mandelbrot(  // snapshot_programs.py:36
     ulong count,
     int first,
@@ -166,32 +162,37 @@ __kernel void mandelbrot(  // snapshot_programs.py:36
     float8 t = c.x;
     float8 t2 = c.y;
     int status = 1;
-    float8 z_x = (float8)(0.0f);  // snapshot_programs.py:38
-    float8 z_y = (float8)(0.0f);
+    float z_x = 0.0f;  // snapshot_programs.py:38
+    float z_y = 0.0f;
     float n = 0.0f;  // snapshot_programs.py:39
     int iterations = 0;  // snapshot_programs.py:40
+    float8 v = (float8)(z_x * z_x);  // snapshot_programs.py:41
+    float8 v2 = (float8)(z_y * z_y);
     float8 n_out = (float8)(n);
     int8 status_out_2 = (int8)(status);
+    float8 z_x_out = (float8)(z_x);
+    float8 z_y_out = (float8)(z_y);
     int8 live = active;
-    while (true) {
+    while (true) {  // snapshot_programs.py:40
         iterations += 1u;
         if (iterations > 1048576) {
             status = 2;
             status_out_2 = live ? (int8)(status) : status_out_2;
             break;
         }
-        float8 t3 = 2.0f * z_x * z_y + t2;  // snapshot_programs.py:41
-        z_x = z_x * z_x - z_y * z_y + t;
-        z_y = t3;
+        float8 t3 = 2.0f * z_x_out * z_y_out + t2;  // snapshot_programs.py:41
+        z_x_out = v - v2 + t;
+        z_y_out = t3;
         n += 1.0f;  // snapshot_programs.py:42
-        float8x2 t4 = (float8x2){z_x, z_y};
-        bool t5 = n >= 256.0f;  // snapshot_programs.py:43
-        int8 leaving = live & (dot2(t4, t4) > 4.0f);
-        int8 t6 = live;
-        if (t5 || sh_any(leaving)) {  // snapshot_programs.py:40
-            int8 t7 = leaving | (t6 & (int8)(-t5));
-            n_out = t7 ? (float8)(n) : n_out;
-            live &= ~t7;
+        v = z_x_out * z_x_out;  // snapshot_programs.py:43
+        v2 = z_y_out * z_y_out;
+        bool t4 = n >= 256.0f;
+        int8 leaving = live & (v + v2 > 4.0f);
+        int8 t5 = live;
+        if (t4 || sh_any(leaving)) {  // snapshot_programs.py:40
+            int8 t6 = leaving | (t5 & (int8)(-t4));
+            n_out = t6 ? (float8)(n) : n_out;
+            live &= ~t6;
             if (!sh_any(live)) {
                 break;
             }

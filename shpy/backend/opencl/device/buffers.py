@@ -12,12 +12,9 @@ from __future__ import annotations
 import ctypes
 import mmap
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from shpy.backend.opencl.device.driver import Machine
 
 _TRIED: Final = 1 << 20
 """Bytes of a buffer from which on the host allocates and frees as much memory before the driver does."""
@@ -25,7 +22,7 @@ _LARGE: Final = 4 << 20
 """Bytes of a buffer from which on huge pages are asked for; numpy has the same limit for its arrays."""
 
 
-def new_buffer(machine: Machine, size: int) -> Any:
+def new_buffer(machine: Any, size: int) -> Any:
     """Return a new buffer; MemoryError of the driver if the host's memory, where it is used, has no such part.
 
     PoCL allocates a buffer at its first use, and ends the process if it cannot.
@@ -42,7 +39,7 @@ def new_buffer(machine: Machine, size: int) -> Any:
     return buffer
 
 
-def _ask_for_huge_pages(machine: Machine, buffer: Any) -> None:
+def _ask_for_huge_pages(machine: Any, buffer: Any) -> None:
     """Ask for huge pages in the memory of a new buffer, which is only advice: a system may not have them.
 
     The buffer is mapped through a queue of its own, since the device's queue would first end what it runs.

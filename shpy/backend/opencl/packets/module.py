@@ -18,6 +18,7 @@ from shpy.backend.opencl.text.operations import hides_zeros
 from shpy.ir.nodes import Call, Function, Let, Module
 from shpy.ir.traverse import defined, variables_of, walk
 from shpy.ir.types import Type
+from shpy.passes.commoning import keep_for_next
 from shpy.passes.components import ALL, LONG, SHORT, has_long, take_apart
 from shpy.passes.hide import hide_derivable
 from shpy.passes.inline import inline_calls
@@ -74,7 +75,7 @@ def _vectorised(
     """
     called = placed(module) | (mixed(module) if lines else frozenset())
     for sizes in (SHORT, ALL) if has_long(module) else (ALL,):
-        scalar = optimise(take_apart(module, sizes=sizes, called=called))
+        scalar = keep_for_next(optimise(take_apart(module, sizes=sizes, called=called)))
         scalar = in_lines(scalar) if lines else scalar
         # A hidden zero adds arithmetic on vectors, which has to be split too.
         whole = take_apart(hide_derivable(scalar), sizes=sizes) if hides_zeros(math, faults) else scalar
