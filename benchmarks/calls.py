@@ -3,6 +3,7 @@
 python -m benchmarks --only calls
 """
 
+import os
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
+from benchmarks.opencl import Device
 from benchmarks.rounds import Apart, in_turns, peer_run
 from benchmarks.tables import Setup, Table
 from benchmarks.work import Run
@@ -95,8 +97,65 @@ def _jax(x: np.ndarray) -> Run:
     return lambda: np.asarray(function(x))
 
 
+def _opencl(x: np.ndarray) -> Run:
+    device = Device.opened()
+    text = """
+    __kernel void increment(__global const float *x, __global float *y) {
+        y[get_global_id(0)] = x[get_global_id(0)] + 1;
+    }
+    """
+    source, target = device.empty(x.nbytes), device.empty(x.nbytes)
+    start = device.kernel(text, "increment", x.size, x.size, source, target)
+
+    def run() -> np.ndarray:
+        out = np.empty_like(x)
+        device.cl.enqueue_copy(device.queue, source, x, is_blocking=False)
+        start()
+        device.copy(out, target)
+        return out
+
+    return run
+
+
+def _glsl(x: np.ndarray) -> Run:
+    """Return a call that draws a fragment for each number, from a texture to a texture."""
+    import moderngl
+
+    gl = moderngl.create_context(standalone=True, require=330, **({"backend": "egl"} if os.name == "posix" else {}))
+    program = gl.program(
+        vertex_shader="""
+        #version 330
+        void main() {
+            gl_Position = vec4(gl_VertexID == 1 ? 3 : -1, gl_VertexID == 2 ? 3 : -1, 0, 1);
+        }
+        """,
+        fragment_shader="""
+        #version 330
+        uniform sampler2D x;
+        out float y;
+        void main() {
+            y = texelFetch(x, ivec2(gl_FragCoord.xy), 0).r + 1.0;
+        }
+        """,
+    )
+    triangle = gl.vertex_array(program, [])
+    source, target = (gl.texture((x.size, 1), 1, dtype="f4") for _ in range(2))
+    frame = gl.framebuffer([target])
+
+    def run() -> np.ndarray:
+        source.write(x)
+        source.use(0)
+        frame.use()
+        triangle.render(vertices=3)
+        return np.frombuffer(frame.read(components=1, dtype="f4"), np.float32)
+
+    return run
+
+
 PEERS: dict[str, tuple[str, Callable[..., Run]]] = {
     "masks": ("numpy", _numpy),
     "numba": ("numba", _numba),
     "jax": ("JAX", _jax),
+    "hand": ("OpenCL C by hand", _opencl),
+    "moderngl": ("GLSL by hand", _glsl),
 }

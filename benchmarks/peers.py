@@ -51,6 +51,7 @@ class Peer:
 PEERS = {
     "masks": Peer("numpy, plain masks"),
     "hand": Peer("OpenCL C by hand", ("pyopencl",), "pyopencl"),
+    "moderngl": Peer("GLSL by hand", ("moderngl",), "moderngl"),
     "drjit": Peer("Dr.Jit (LLVM)", ("drjit",), "drjit", llvm=True),
     "taichi": Peer("Taichi", ("taichi",), "taichi"),
     "warp": Peer("Warp", ("warp",), "warp-lang"),
