@@ -199,6 +199,25 @@ def test_ctrl_c_while_pyopencl_is_imported_ends_the_process_by_sigint(tmp_path):
     assert ended.stderr.rstrip().endswith("KeyboardInterrupt")
 
 
+def test_the_caller_imports_nothing_of_pyopencl_after_it_is_loaded():
+    """Ctrl-C in such an import left half an object of pytools: its destructor wrote a second error."""
+    text = """
+    import sys, numpy as np, shpy as sh
+    from shpy.backend.opencl.device.loading import pyopencl
+    pyopencl()
+    before = set(sys.modules)
+    @sh.program
+    def twice(x: sh.Attrib1f):
+        return x * 2
+    twice.compile("opencl")(np.ones(100_000, np.float32))
+    print([name for name in set(sys.modules) - before if name.startswith(("pyopencl", "pytools", "platformdirs"))])
+    """
+    ran = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(text)], capture_output=True, text=True, timeout=HANGING, check=True
+    )
+    assert ran.stdout == "[]\n"
+
+
 @pytest.mark.parametrize("part", [range(0, 90, 6), pytest.param(range(90), marks=pytest.mark.slow)], ids=["few", "all"])
 def test_ctrl_c_at_a_line_of_the_takeover_of_a_chain_ends_its_run(eager, monkeypatch, part):
     """The next run has the bits of numpy, on whichever backend it is."""

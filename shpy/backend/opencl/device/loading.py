@@ -14,6 +14,7 @@ import os
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -35,9 +36,15 @@ def pyopencl() -> Any:
     """Return the module; BackendUnavailable where it is not installed."""
     _set_environment()
     try:
-        return _imported("pyopencl")
+        module = _imported("pyopencl")
     except ImportError as e:
         raise BackendUnavailable(f"opencl needs pyopencl: {e}", cure=install("pyopencl")) from e
+    # The first kernel would import these on the caller's thread, where Ctrl-C can leave half an object of pytools, which
+    # prints a second error as it is deleted.
+    for part in ("pyopencl.invoker", "pyopencl.characterize"):
+        with suppress(ModuleNotFoundError):
+            _imported(part)
+    return module
 
 
 def _imported(name: str) -> Any:
