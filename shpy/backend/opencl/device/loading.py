@@ -39,8 +39,8 @@ def pyopencl() -> Any:
         module = _imported("pyopencl")
     except ImportError as e:
         raise BackendUnavailable(f"opencl needs pyopencl: {e}", cure=install("pyopencl")) from e
-    # The first kernel would import these on the caller's thread, where Ctrl-C can leave half an object of pytools, which
-    # prints a second error as it is deleted.
+    # The first kernel would import these on the caller's thread, where Ctrl-C can leave half an object of pytools. Its
+    # destructor would print a second error.
     for part in ("pyopencl.invoker", "pyopencl.characterize"):
         with suppress(ModuleNotFoundError):
             _imported(part)
