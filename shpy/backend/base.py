@@ -59,7 +59,8 @@ class Call:
     `inputs` follow the entry's: each C-contiguous, (n, size) or (n,) for scalars, or with 1 instead of n for a
     uniform. `outputs` likewise with n, to be written in place, only where the element's status is WRITTEN. dtypes are
     those of `ir.constants.DTYPES` at the working precision (f is float64 at f64; float16 at f16).
-    `params` are arrays of shape () or (size,) by name; `tables` by name.
+    `params` are arrays of shape () or (size,) by name; `tables` by name. `fresh` outputs hold zeros that nobody else
+    reads: other elements may be written too, as long as they are zeros again when the run ends.
     """
 
     shape: tuple[int, ...]
@@ -67,6 +68,7 @@ class Call:
     outputs: tuple[Array, ...]
     params: dict[str, Array]
     tables: dict[str, TableData]
+    fresh: bool = False
 
     @property
     def count(self) -> int:

@@ -102,7 +102,7 @@ class BoundArrays(Bound):
         if not self.flat_outputs:
             written = [array.reshape(shape) for array, (_, shape, _) in zip(arrays, self.outputs, strict=True)]
         data = {name: table.data(self.dtypes[table.type.base]) for name, table in tables.items()}
-        call = Call(self.shape, tuple(flat), tuple(written), params, data)
+        call = Call(self.shape, tuple(flat), tuple(written), params, data, fresh=out is None)
         status = self.executable.run(call)
         # Only now: the rows of a matrix are copied into one array.
         result = arrays[0] if type(layout) is Leaf else build_arrays(layout, iter(arrays))

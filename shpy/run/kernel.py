@@ -294,6 +294,7 @@ class Kernel(Unchanging):
             tuple(t.flat for t in targets),
             self._params(values),
             {name: t.data(dtypes[t.type.base]) for name, t in tables.items()},
+            fresh=out is None,
         )
         status = self._executable.run(call) if math.prod(common) else None
         for target in targets:

@@ -312,6 +312,9 @@ class TieredExecutable:
         except Exception as error:  # for instance, too little memory on the device
             raise_interrupt(error, before)
             self._refuse(f"{BETTER} gave an error ({said(error)})")
+            if call.fresh:
+                for out in call.outputs:
+                    out.fill(0)
             return self._quick.run(call)  # type: ignore[no-any-return]
         self._trials.append((time.perf_counter() - start) / call.count)
         if is_slower(self._trials, self._seconds / self._elements):

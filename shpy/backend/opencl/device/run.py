@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import weakref
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, NamedTuple
@@ -32,9 +32,10 @@ from shpy.backend.device.pool import Recent
 from shpy.backend.opencl.device.arguments import argument, argument_dtype, extents
 from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
 from shpy.backend.opencl.device.memory import MEMORY, own, tables_of
+from shpy.backend.opencl.device.outputs import collect, hand_over, outputs_of, shape_of
 from shpy.backend.opencl.text.kernel import KernelText
 from shpy.errors import BackendUnavailable, warn
-from shpy.ir.nodes import Loc, Status, Table
+from shpy.ir.nodes import Loc, Table
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type, vec
 from shpy.passes.pipeline import PreparedModule
@@ -149,20 +150,22 @@ class OpenCLExecutable:
         """Run the kernel; return the status of each element, or None if all elements are written."""
         with self.machine.lock:
             used: list[Any] = []
+            lent: list[Any] = []
             try:
                 staged = self.machine.shares_memory and not self.kernel.tables and is_small(call)
-                status = self._run_staged(call) if staged else self._run(call, used)
+                status = self._run_staged(call) if staged else self._run(call, used, lent)
             except BaseException as error:
-                self.machine.abandon((used, call))
+                self.machine.abandon((used, lent, call))
                 if isinstance(error, self.machine.cl.MemoryError):
                     raise MemoryError from error
                 raise
             self.machine.give_back(used)
             return status
 
-    def _run(self, call: Call, used: list[Any]) -> Array | None:
+    def _run(self, call: Call, used: list[Any], lent: list[Any]) -> Array | None:
+        """Run over buffers, which join `used`, and arrays, which join `lent`: the device may need them after Ctrl-C."""
         machine, entry = self.machine, self.prepared.module.entry
-        inputs, lent = list[tuple[Any, int]](), []
+        inputs: list[tuple[Any, int]] = []
         for i in self.kernel.inputs:
             type = entry.inputs[i].type
             array = np.ascontiguousarray(call.inputs[i], dtype=MEMORY[type.base])
@@ -174,12 +177,12 @@ class OpenCLExecutable:
                 lent.append((buffer, array))
             inputs.append((buffer, len(array)))
         tables = [self._table(call.tables[table.name], table)[:2] for table in self.kernel.tables]
-        outputs = self._outputs(call, used)
+        outputs = outputs_of(machine, self.prepared, call, used)
+        lent.append(outputs)
         launch = self._launch(call.shape, reads=True)
-        args = self._arguments(launch.leading, inputs, tables, call.params, [buffer for buffer, *_ in outputs])
+        args = self._arguments(launch.leading, inputs, tables, call.params, [output.buffer for output in outputs])
         launch.start(args)
-        machine.finish([buffer for buffer, is_lent, _ in outputs if is_lent])
-        return self._collect(call, outputs)
+        return collect(machine, self.prepared, call, outputs)
 
     def _run_staged(self, call: Call) -> Array | None:
         staged = self.stages.get((call.shape, *map(len, call.inputs)), lambda: self._stage(call))
@@ -190,13 +193,13 @@ class OpenCLExecutable:
         staged.start()
         for array, buffer in zip(staged.outputs, staged.buffers, strict=True):
             self.machine.download(array, buffer)  # 12 µs less than to map the memory of an array, of 46 for a call
-        return self._hand_over(call, staged.outputs)
+        return hand_over(self.prepared, call, staged.outputs)
 
     def _stage(self, call: Call) -> Staging:
         """Make arrays for runs of this shape, and a kernel object with them as arguments."""
         machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
         inputs = [_staged_array(machine, entry.inputs[i].type, len(call.inputs[i])) for i in kernel.inputs]
-        outputs = [np.empty(_shape_of(slot.type, call.count), MEMORY[slot.type.base]) for slot in entry.outputs]
+        outputs = [np.empty(shape_of(slot.type, call.count), MEMORY[slot.type.base]) for slot in entry.outputs]
         buffers = [machine.take(array.nbytes) for array in outputs]
         leading = self._leading(call.shape)
         args = self._arguments(leading, [(buffer, len(a)) for a, buffer in inputs], (), call.params, buffers)
@@ -305,24 +308,6 @@ class OpenCLExecutable:
             argument(np.asarray(params[name], argument_dtype(types[name])), types[name]) for name in self.kernel.params
         ]
 
-    def _outputs(self, call: Call, used: list[Any]) -> list[tuple[Any, bool, Array | None]]:
-        """Return for each output, the status last, a buffer, whether it is the caller's array, and that array.
-
-        The array is None if the output is not of its form, or if some elements may not be written.
-        """
-        outputs = []
-        for k, output in enumerate(self.prepared.module.entry.outputs):
-            dtype, size = np.dtype(MEMORY[output.type.base]), output.type.size
-            out = None if self.prepared.status else call.outputs[k]
-            out = out if out is not None and out.dtype == dtype and out.flags.c_contiguous else None
-            buffer = None if out is None else self.machine.lend(out, size, write=True)
-            is_lent = buffer is not None
-            if not is_lent:
-                buffer = self.machine.take(call.count * size * dtype.itemsize)
-                used.append(buffer)
-            outputs.append((buffer, is_lent, out))
-        return outputs
-
     def _row_length(self, shape: tuple[int, ...]) -> int:
         """Return the number of elements side by side: a packet of an image is a block, that of a list a row."""
         *others, last = shape or (1,)
@@ -383,32 +368,6 @@ class OpenCLExecutable:
             return Items(lines * -(-row // (self.kernel.packets * columns)))
         return Items(lines) if row == columns else Items(-(-row // columns), lines)
 
-    def _collect(self, call: Call, outputs: list[tuple[Any, bool, Array | None]]) -> Array | None:
-        """Copy outputs to the host that are not in its memory."""
-        arrays: list[Array | None] = []
-        for slot, (buffer, is_lent, out) in zip(self.prepared.module.entry.outputs, outputs, strict=True):
-            array = np.empty(_shape_of(slot.type, call.count), MEMORY[slot.type.base]) if out is None else out
-            if not is_lent:
-                self.machine.download(array, buffer)
-            arrays.append(array if out is None else None)
-        return self._hand_over(call, arrays)
-
-    def _hand_over(self, call: Call, arrays: Sequence[Array | None]) -> Array | None:
-        """Copy written elements to the caller's outputs; return the statuses if some elements were not written."""
-        status: Array | None = None
-        written: Any = True
-        if self.prepared.status:
-            last = arrays[-1]
-            assert last is not None
-            if not (last == Status.WRITTEN).all():
-                status = last.copy()
-                written = status == Status.WRITTEN
-        for out, array in zip(call.outputs, arrays, strict=False):
-            if array is not None:
-                where = written if status is None else written.reshape(-1, *[1] * (out.ndim - 1))
-                np.copyto(out, array, casting="unsafe", where=where)
-        return status
-
 
 def is_small(call: Call) -> bool:
     """Return whether it is faster to copy the arrays of a run than to lend them."""
@@ -426,13 +385,9 @@ class Staging:
     start: Callable[[], None]
 
 
-def _shape_of(type: Type, count: int) -> tuple[int, ...]:
-    return (count, type.size) if type.size > 1 else (count,)
-
-
 def _staged_array(machine: Machine, type: Type, count: int) -> tuple[Array, Any]:
     """Return an array for `count` elements of a type, and the buffer whose memory it is."""
-    dtype, shape = np.dtype(MEMORY[type.base]), _shape_of(type, count)
+    dtype, shape = np.dtype(MEMORY[type.base]), shape_of(type, count)
     size = math.prod(shape) * dtype.itemsize
     room = np.empty(size + 2 * _ALIGNMENT, np.uint8)
     first = -room.__array_interface__["data"][0] % _ALIGNMENT
