@@ -18,6 +18,7 @@ FEW = {
     "shpy/backend/dump.py": "the parts of SHPY_DUMP",
     "shpy/backend/device/probe.py": "constants",
     "shpy/backend/glsl/device/textures.py": "classes of moderngl",
+    "shpy/backend/opencl/device/buffers.py": "one function of the C library",
     "shpy/backend/opencl/device/declarations.py": "functions of OpenCL C",
     "shpy/backend/opencl/device/memory.py": "words of 8 to 64 bits",
     "shpy/backend/opencl/packets/widen.py": "types and widths of packets",
