@@ -16,7 +16,7 @@ the value:
 
 Compilers call this predictive commoning. Operation and operands are the same, and so are the bits. The Mandelbrot set
 takes 0.92 of its time in packets, since LLVM 15 removes no computation by a value of the iteration before. The pass can
-go when drivers do that themselves. GLSL and numpy gain nothing.
+go when drivers do that themselves. GLSL gains nothing by it, and numpy 3 %.
 """
 
 from __future__ import annotations
