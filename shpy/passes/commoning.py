@@ -27,7 +27,7 @@ from typing import Final
 
 from shpy.ir.nodes import Continue, Function, Let, Loop, Module, Stmt, Store, Variable
 from shpy.ir.ops import COMMUTATIVE, LANE_OPS
-from shpy.ir.traverse import changed_variables, has_exit, uses, variables_of, walk
+from shpy.ir.traverse import changed_variables, has_exit, results, uses, variables_of, walk
 from shpy.passes.dead import remove_dead
 from shpy.passes.rewriter import Functions, Rewriter, each_function
 
@@ -70,10 +70,12 @@ class _Keeper(Rewriter):
             return before[id]
 
         loads: dict[int, int] = {}
-        stores: dict[int, int] = {}
+        stores: dict[int, list[int]] = {}
+        """By the values of the end, their variables: two variables may become one value, and differ at first."""
         for start, end in _shared(loop, self.functions).items():
             value = lets[start].value
-            loads[start] = stores[end] = self._next
+            loads[start] = self._next
+            stores.setdefault(end, []).append(self._next)
             self._variables.append(Variable(self._next, value.type, None, value.name, value.loc))
             self.emit(Store(self._next, first(start), loc=value.loc))
             self._next += 1
@@ -83,7 +85,7 @@ class _Keeper(Rewriter):
                 return (s,)
             value = s.value
             let = Let(value, "load", (), loads[value.id]) if value.id in loads else s
-            return (let, Store(stores[value.id], value.id, loc=value.loc)) if value.id in stores else (let,)
+            return let, *(Store(variable, value.id, loc=value.loc) for variable in stores.get(value.id, ()))
 
         body, continuing = (tuple(t for s in part for t in rewritten(s)) for part in (loop.body, loop.continuing))
         super().loop(replace(loop, body=body, continuing=continuing) if loads else loop)
@@ -98,7 +100,7 @@ def _shared(loop: Loop, functions: Functions) -> dict[int, int]:
         return {}
     statements = (*loop.body, *loop.continuing)
     lets = [(place, s) for place, s in enumerate(statements) if isinstance(s, Let)]
-    inside = {s.value.id for s in walk(statements) if isinstance(s, Let)}
+    inside = {value.id for s in walk(statements) for value in results(s)}
     firsts, lasts = _changes(statements, functions)
 
     def last(load: Let) -> int | None:

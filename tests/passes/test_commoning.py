@@ -5,7 +5,7 @@ import pytest
 
 import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
-from shpy.ir.nodes import Loop
+from shpy.ir.nodes import Let, Loop
 from shpy.ir.traverse import walk
 from shpy.passes import commoning
 from shpy.passes.commoning import _shared, keep_for_next
@@ -19,19 +19,27 @@ def cubic(x: sh.Attrib1f) -> sh.Attrib1f:
     return x * x * x - 2 * x - 5
 
 
+@sh.subroutine
+def branching(x: sh.Attrib1f) -> sh.Attrib1f:
+    """A function that a statement calls, since it has a loop."""
+    y = sh.Attrib1f(x)
+    with SH_FOR(2):
+        with SH_IF(y < 0.75):
+            y[:] = y * 0.5 + 1
+    return y
+
+
 def shared_operations(program):
     """Return the operations that each loop of a program shares with its next iteration, outer loops first."""
     module = optimise(program.ir)
     functions = {f.name: f for f in module.functions}
-    found = []
+    operations = []
     for function in module.functions:
         for loop in walk(function.body):
             if isinstance(loop, Loop):
-                lets = {
-                    s.value.id: s for s in (*loop.body, *loop.continuing) if hasattr(s, "value") and hasattr(s, "op")
-                }
-                found.append([lets[start].op for start in _shared(loop, functions)])
-    return found
+                lets = {s.value.id: s for s in (*loop.body, *loop.continuing) if isinstance(s, Let)}
+                operations.append([lets[start].op for start in _shared(loop, functions)])
+    return operations
 
 
 def test_products_of_the_test_are_those_of_the_next_iteration():
@@ -127,13 +135,60 @@ def test_nothing_is_shared_where_an_iteration_may_leave_it_out():
 def expression(k, x):
     a, b, c = x
     vector = sh.Attrib2f(a, b)
-    return [a * a, a * b, a * b + c, sh.dot(vector, vector), cubic(b), a * 0.5, c * c, b + a, 1 / a, a][k]
+    return [
+        a * a,
+        a * b,
+        a * b + c,
+        sh.dot(vector, vector),
+        cubic(b),
+        a * 0.5,
+        c * c,
+        b + a,
+        1 / a,
+        a,
+        a * branching(b),
+        branching(a),
+    ][k]
+
+
+def test_two_values_that_become_one_are_kept_apart():
+    @sh.program
+    def merging(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+        x, y, n = sh.Attrib1f(a), sh.Attrib1f(b), sh.Attrib1f(0)
+        with SH_DO():
+            n += x * x + 3 * (y * y)
+            z = sh.clamp(x + y, -1, 1) + 0.125
+            x[:] = z
+            y[:] = z
+            SH_UNTIL(z * z + n > MOST)
+        return n
+
+    assert shared_operations(merging) == [["mul", "mul"]]
+    inputs = np.linspace(-2, 2, 99, dtype=np.float32), np.linspace(1, -1, 99, dtype=np.float32)
+    assert merging.compile("opencl")(*inputs).tobytes() == merging.compile("numpy")(*inputs).tobytes()
+
+
+def test_a_value_of_a_call_is_another_one_in_each_iteration():
+    @sh.program
+    def called(a: sh.Attrib1f) -> sh.Attrib1f:
+        x, n = sh.Attrib1f(a), sh.Attrib1f(0)
+        with SH_DO():
+            r = branching(x)
+            n += r * x
+            x[:] = x * 0.5 + 0.25
+            n += r * x
+            SH_UNTIL(n > MOST)
+        return n
+
+    assert [] in shared_operations(called)
+    x = np.linspace(0.1, 2, 99, dtype=np.float32)
+    assert called.compile("opencl")(x).tobytes() == called.compile("numpy")(x).tobytes()
 
 
 def random_program(seed):
     """Return a program that computes few expressions often, so that iterations have some in common."""
     rng = np.random.default_rng(seed)
-    few = rng.integers(10, size=3)
+    few = rng.integers(12, size=3)
 
     def some(x):
         return expression(rng.choice(few), x)
@@ -151,6 +206,8 @@ def random_program(seed):
                     SH_CONTINUE(n == float(rng.integers(MOST)))
                 case 3 if rng.integers(4) == 0:
                     SH_DISCARD(value > 60)
+                case 5:
+                    x[0][:] = x[rng.integers(1, 3)][:] = value * 0.5
                 case _:
                     x[rng.integers(3)][:] = sh.clamp(value, -3, 3) if rng.integers(2) else value * 0.5
 
