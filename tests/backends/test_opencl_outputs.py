@@ -93,24 +93,24 @@ def test_new_outputs_are_the_memory_that_the_kernel_writes(monkeypatch):
 
 def test_what_the_device_writes_is_kept_until_an_interrupted_run_has_ended(monkeypatch):
     """The statuses belong to no caller, so that nobody else would hold them."""
-    kept, made = [], []
+    abandoned, arrays = [], []
 
-    def interrupted(machine, prepared, call, arrays):
-        made.extend(weakref.ref(output.array) for output in arrays if output.array is not None)
+    def interrupted(machine, prepared, call, written):
+        arrays.extend(weakref.ref(output.array) for output in written if output.array is not None)
         raise KeyboardInterrupt
 
     machine = machine_of(None)
     monkeypatch.setattr("shpy.backend.opencl.device.run.collect", interrupted)
-    monkeypatch.setattr(type(machine), "abandon", lambda self, things: kept.append(things))
+    monkeypatch.setattr(type(machine), "abandon", lambda self, things: abandoned.append(things))
     with pytest.raises(KeyboardInterrupt):
         several.compile("opencl")(X)
     machine.queue.finish()
     gc.collect()
-    assert made or not machine.shares_memory
-    assert all(array() is not None for array in made)
-    kept.clear()
+    assert arrays or not machine.shares_memory
+    assert all(array() is not None for array in arrays)
+    abandoned.clear()
     gc.collect()
-    assert all(array() is None for array in made)
+    assert all(array() is None for array in arrays)
 
 
 def test_numpy_begins_with_zeros_again_after_an_error_of_opencl(monkeypatch):
