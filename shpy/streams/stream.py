@@ -128,9 +128,10 @@ class Stream(StreamReductions, StreamFields):
         """Make a stream over a numpy array, a `pyopencl.array.Array` or a `moderngl.Texture`, without a copy.
 
         (*S, N) for N components, (*S,) for one; a texture is (height, width). `type` None is an Attrib of that many
-        components. Raises ShpyTypeError for memory that is not contiguous, of another dtype, or of another context.
+        components. Raises ShpyTypeError for memory that is not contiguous, of another dtype, of another context, or of
+        another backend than `backend`.
         """
-        owner = backend_named(backend or owner_of(native))
+        owner = backend_named(owner_of(native, backend))
         device = next((k for k in range(len(owner.devices())) if owner.space(k).owns(native)), 0)
         shape, element, precision = extents_of(native, type)
         place = Place(owner.name, device, precision)

@@ -24,8 +24,11 @@ _PRECISIONS: Final[dict[Any, Precision]] = {np.dtype(np.float64): "f64", np.dtyp
 """The working precisions by the dtypes of floats; a texture's floats have 32 bits."""
 
 
-def owner_of(native: Any) -> str:
-    """Return the backend of the library that an array or texture belongs to; ShpyTypeError for anything else."""
+def owner_of(native: Any, backend: str | None = None) -> str:
+    """Return the backend of the library that an array or texture belongs to; ShpyTypeError for anything else.
+
+    A `backend` that is not None has to be that one.
+    """
     modules = [cls.__module__.partition(".")[0] for cls in type(native).__mro__]
     backends = {"numpy": "numpy", "pyopencl": "opencl", "moderngl": "glsl", "mgl": "glsl"}
     module = next((m for m in modules if m in backends), None)
@@ -35,7 +38,14 @@ def owner_of(native: Any) -> str:
             loc=here(),
             cure="a numpy array, a pyopencl.array.Array or a moderngl.Texture; or sh.Stream(array, type)",
         )
-    return backends[module]
+    owner = backends[module]
+    if backend not in (None, owner):
+        raise ShpyTypeError(
+            f"{type(native).__name__} is memory of {owner}, which {backend} cannot share",
+            loc=here(),
+            cure=f"sh.Stream(array, type, {backend!r}), which copies",
+        )
+    return owner
 
 
 def extents_of(native: Any, type_: Any) -> tuple[Shape, Any, Precision]:

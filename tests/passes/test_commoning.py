@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from backends.test_packets import same
 
 import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
+from shpy.backend.opencl.packets import module as packets
 from shpy.ir.nodes import Let, Loop
 from shpy.ir.traverse import walk
 from shpy.passes import commoning
@@ -185,34 +187,34 @@ def test_a_value_of_a_call_is_another_one_in_each_iteration():
     assert called.compile("opencl")(x).tobytes() == called.compile("numpy")(x).tobytes()
 
 
-def random_program(seed):
-    """Return a program that computes few expressions often, so that iterations have some in common."""
-    rng = np.random.default_rng(seed)
-    few = rng.integers(12, size=3)
+def random_orbit(seed, *, discards=True):
+    """Return a function of two floats that computes few expressions often, so that iterations have some in common."""
 
-    def some(x):
-        return expression(rng.choice(few), x)
+    def orbit(a, b):
+        rng = np.random.default_rng(seed)
+        few = rng.integers(12, size=3)
 
-    def update(x, n):
-        for _ in range(rng.integers(3)):
-            value = some(x)
-            match rng.integers(10):
-                case 0:
-                    with SH_IF(value > 1):
-                        x[rng.integers(3)][:] = value * 0.25
-                case 1:
-                    SH_BREAK(value > 30)
-                case 2 | 4:
-                    SH_CONTINUE(n == float(rng.integers(MOST)))
-                case 3 if rng.integers(4) == 0:
-                    SH_DISCARD(value > 60)
-                case 5:
-                    x[0][:] = x[rng.integers(1, 3)][:] = value * 0.5
-                case _:
-                    x[rng.integers(3)][:] = sh.clamp(value, -3, 3) if rng.integers(2) else value * 0.5
+        def some(x):
+            return expression(rng.choice(few), x)
 
-    @sh.program
-    def program(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib3f:
+        def update(x, n):
+            for _ in range(rng.integers(3)):
+                value = some(x)
+                match rng.integers(10):
+                    case 0:
+                        with SH_IF(value > 1):
+                            x[rng.integers(3)][:] = value * 0.25
+                    case 1:
+                        SH_BREAK(value > 30)
+                    case 2 | 4:
+                        SH_CONTINUE(n == float(rng.integers(MOST)))
+                    case 3 if discards and rng.integers(4) == 0:
+                        SH_DISCARD(value > 60)
+                    case 5:
+                        x[0][:] = x[rng.integers(1, 3)][:] = value * 0.5
+                    case _:
+                        x[rng.integers(3)][:] = sh.clamp(value, -3, 3) if rng.integers(2) else value * 0.5
+
         x, n = [sh.Attrib1f(a), sh.Attrib1f(b), sh.Attrib1f(1)], sh.Attrib1f(0)
         with SH_DO():
             n += 1
@@ -225,19 +227,88 @@ def random_program(seed):
             SH_UNTIL(lambda: (some(x) > limit) | (some(x) < -1) | (n >= MOST))
         return sh.Attrib3f(x[0], x[1], x[2])
 
+    return orbit
+
+
+def random_program(seed):
+    orbit = random_orbit(seed)
+
+    @sh.program
+    def program(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib3f:
+        return orbit(a, b)
+
     return program
+
+
+def random_inputs(seed, *shape):
+    rng = np.random.default_rng(1000 + seed)
+    inputs = [rng.normal(0, 1.5, shape).astype(np.float32) for _ in range(2)]
+    inputs[0].flat[:4] = 0, -0.0, np.inf, np.nan
+    return inputs
 
 
 @pytest.mark.sampled(20)
 @pytest.mark.parametrize("seed", range(200))
 def test_random_loops_have_the_bits_of_numpy(seed):
-    rng = np.random.default_rng(1000 + seed)
-    inputs = [rng.normal(0, 1.5, 333).astype(np.float32) for _ in range(2)]
-    inputs[0][:4] = 0, -0.0, np.inf, np.nan
+    inputs = random_inputs(seed, 333)
     program = random_program(seed)
     expected = program.compile("numpy")(*inputs)
     for lanes in (4, 16):
         assert program.compile("opencl", lanes=lanes)(*inputs).tobytes() == expected.tobytes()
+
+
+@pytest.mark.sampled(10)
+@pytest.mark.parametrize("seed", range(60))
+def test_random_loops_in_lines_have_the_bits_of_numpy(seed, monkeypatch):
+    monkeypatch.setattr(packets, "_stay_together", lambda module: True)
+    orbit, by_line = random_orbit(seed), seed % 2 == 0
+
+    @sh.program
+    def program(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib3f:
+        row, column = sh.grid_index(2)
+        # An orbit that starts from the line alone is one of scalars.
+        return orbit(row * 0.25 - 1, row * 0.125) * a if by_line else orbit(a + row * 0.25, b * column)
+
+    inputs = random_inputs(seed, 9, 37)
+    expected = program.compile("numpy")(*inputs)
+    for lanes in (4, 16):
+        assert program.compile("opencl", lanes=lanes)(*inputs).tobytes() == expected.tobytes()
+
+
+@pytest.mark.sampled(20)
+@pytest.mark.parametrize("seed", range(60))
+def test_derivatives_of_random_loops_have_the_bits_of_numpy(seed):
+    orbit = random_orbit(seed, discards=False)
+
+    def total(a, b):
+        return sh.dot(orbit(a, b), sh.vec3(1, 0.5, 0.25))
+
+    @sh.program
+    def program(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib4f:
+        value, slopes = sh.gradient(total, wrt=(0, 1), value=True)(a, b)
+        _, along = sh.jvp(total, [a, b], [1.0, b])
+        return sh.Attrib4f(value, *slopes, along)
+
+    inputs = random_inputs(seed, 131)
+    same(program.compile("opencl")(*inputs), program.compile("numpy")(*inputs))
+
+
+@pytest.mark.sampled(20)
+@pytest.mark.parametrize("seed", range(60))
+def test_trees_of_random_loops_have_the_bits_of_numpy(seed):
+    orbit = random_orbit(seed, discards=False)
+
+    @sh.program
+    def program(a: sh.Attrib2f, b: sh.Attrib2f) -> sh.Attrib2f:
+        return orbit(a.x + b.y, b.x).xy
+
+    elements = np.stack(random_inputs(seed, 700), -1)
+    results = []
+    for backend in ("opencl", "numpy"):
+        stream = sh.Stream(elements, sh.Attrib2f, backend)
+        results.append((np.asarray(sh.reduce(program, stream)), sh.scan(program, stream).numpy()))
+    for one, other in zip(*results, strict=True):
+        same(one, other)
 
 
 def test_random_loops_share_values():

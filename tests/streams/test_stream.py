@@ -248,6 +248,8 @@ def test_memory_of_another_dtype_is_not_shared():
     with refused("a stream of i shares a contiguous pyopencl array of int32, not int64"):
         sh.Stream.wrap(sh.Stream([1], sh.Attrib1i, "opencl").native().astype(np.int64))
     assert sh.Stream.wrap(np.zeros(4, np.float16)).precision == "f16"
+    with refused("ndarray is memory of numpy, which opencl cannot share"):
+        sh.Stream.wrap(np.zeros(4, np.float32), sh.Attrib1f, "opencl")
 
 
 @pytest.mark.parametrize(("type_", "dtype"), [(sh.Attrib1d, np.float64), (sh.Attrib1h, np.float16)])
