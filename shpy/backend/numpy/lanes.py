@@ -73,8 +73,8 @@ def joined(*parts: Array) -> Array:
 
 def splat(scalar: Array, size: int) -> Array:
     """Return the vector of `size` equal components."""
-    result = np.empty((size, scalar.shape[0] if scalar.ndim else 1), scalar.dtype)
-    result[:] = scalar
+    result = np.empty((size, *(scalar.shape or (1,))), scalar.dtype)
+    result[...] = scalar
     return result
 
 
