@@ -20,6 +20,7 @@ from shpy.ir.traverse import defined, rewrite, uses, walk
 from shpy.passes.dead import without_dead
 from shpy.passes.dead_stores import without_dead_stores
 from shpy.passes.lanes import BOOL, Here, LaneBuilder
+from shpy.passes.lines import placed
 from shpy.passes.returns import returns_outside_loops
 
 
@@ -59,6 +60,7 @@ class Callees:
         self.make = make
         self.functions = {f.name: f for f in module.functions}
         self.alone = {f.name: _with_mask(f) for f in module.functions if f.alone and alone}
+        self.placed = placed(module)
         self.statuses = _statuses(module)
         self.names_in_use = set(self.functions)
         self.copies_by_key: dict[tuple[str, tuple[bool, ...], bool], LaneFunction] = {}

@@ -33,7 +33,7 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.traverse import calls_of
+from shpy.ir.traverse import calls_of, rewrite, uses, walk
 from shpy.passes.rewriter import Functions, each_function
 
 
@@ -54,6 +54,33 @@ def remove_unused_functions(module: Module) -> Module:
         if function.name in reached:
             reached.update(calls_of(function))
     return replace(module, functions=tuple(f for f in module.functions if f.name in reached))
+
+
+def remove_unused_inputs(module: Module) -> Module:
+    """Return the module without the inputs that pure functions do not read; the same object if all are read.
+
+    A result is then as uniform as the inputs that it depends on, which `vectorize` takes for granted.
+    """
+    functions: dict[str, Function] = {}
+    kept: dict[str, list[int]] = {}
+    """By the functions that lose inputs, the places of the others."""
+
+    def shortened(s: Stmt) -> Stmt:
+        if not (isinstance(s, Let) and s.op == "call" and s.attr in kept):
+            return s
+        return replace(s, args=tuple(s.args[k] for k in kept[str(s.attr)]))
+
+    for function in module.functions:  # a function comes after those that it calls
+        if kept:
+            function = without_dead(replace(function, body=rewrite(function.body, shortened)), functions)
+        if function.pure:
+            read = {value for s in walk(function.body) for value in uses(s, functions)}
+            places = [k for k, port in enumerate(function.inputs) if port.id in read]
+            if len(places) < len(function.inputs):
+                kept[function.name] = places
+                function = replace(function, inputs=tuple(function.inputs[k] for k in places))
+        functions[function.name] = function
+    return replace(module, functions=tuple(functions.values())) if kept else module
 
 
 class _Marker:

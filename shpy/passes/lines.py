@@ -22,7 +22,7 @@ from typing import Final
 
 from shpy.ir.constants import Base, vec
 from shpy.ir.nodes import Let, Module
-from shpy.ir.traverse import is_straight, walk
+from shpy.ir.traverse import calls_of, is_straight, walk
 from shpy.passes.rewriter import Rewriter
 
 _SMALL: Final = 30
@@ -36,20 +36,48 @@ def reads_lines(module: Module) -> bool:
 
 
 def placed(module: Module) -> frozenset[str]:
-    """Return the names of the pure functions that read the grid's index themselves."""
-    functions = [f for f in module.functions if f.pure]
-    return frozenset(
-        f.name for f in functions if any(isinstance(s, Let) and s.op == "grid_index" for s in walk(f.body))
-    )
+    """Return the names of the pure functions that read the grid's index, themselves or by their callees."""
+    reading = _reading(module)
+    return frozenset(f.name for f in module.functions if f.pure and f.name in reading)
 
 
 def mixed(module: Module) -> frozenset[str]:
-    """Return the names of the pure functions of which a part may depend on some of the arguments alone."""
+    """Return the names of the pure functions of which a part may depend on some of the arguments alone.
+
+    Those that an `alone` function calls stay pure, since it computes with one lane.
+    """
+    of_lanes = {name for f in module.functions if f.alone for name in calls_of(f)}
+    for f in reversed(module.functions):  # a function comes before those that call it
+        if f.name in of_lanes:
+            of_lanes.update(calls_of(f))
     return frozenset(
         f.name
         for f in module.functions
         if f.pure and is_straight(f.body) and len(f.body) > _SMALL and sum(i.type.size for i in f.inputs) > 1
-    )
+    ).difference(of_lanes)
+
+
+def together(module: Module) -> Module:
+    """Return the module in which no function that reads the index, itself or by its callees, is `alone`.
+
+    The index is that of a packet; a lane would have to be given its own.
+    """
+    reading = _reading(module)
+    alone = {f.name for f in module.functions if f.alone}
+    if alone.isdisjoint(reading):
+        return module
+    functions = (replace(f, alone=False) if f.name in reading else f for f in module.functions)
+    return replace(module, functions=tuple(functions))
+
+
+def _reading(module: Module) -> set[str]:
+    """Return the names of the functions that read the index, themselves or by their callees."""
+    reading: set[str] = set()
+    for f in module.functions:
+        own = any(isinstance(s, Let) and s.op == "grid_index" for s in walk(f.body))
+        if own or not reading.isdisjoint(calls_of(f)):
+            reading.add(f.name)
+    return reading
 
 
 def in_lines(module: Module) -> Module:

@@ -22,7 +22,7 @@ from shpy.ir.traverse import walk
 from shpy.passes.by_value import pass_by_value, takes_array
 from shpy.passes.components import LONG, has_long, take_apart
 from shpy.passes.cse import merge_common
-from shpy.passes.dead import remove_dead, remove_unused_functions
+from shpy.passes.dead import remove_dead, remove_unused_functions, remove_unused_inputs
 from shpy.passes.exits import make_exits_explicit
 from shpy.passes.fold import fold
 from shpy.passes.fuse import FUSED
@@ -126,7 +126,7 @@ def prepare(module: Module, options: Options, target: Target) -> PreparedModule:
         lowered = shelter_loops(lowered, target.nesting)
     ending = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector)
     optimised = optimise(ending.module)
-    result = optimised if target.vector else remove_dead(remove_decided_selects(optimised))
+    result = remove_unused_inputs(optimised) if target.vector else remove_dead(remove_decided_selects(optimised))
     return PreparedModule(remove_unused_functions(result), ending.status, ending.loops, ending.flagged)
 
 

@@ -213,7 +213,7 @@ class _Vectorizer(CallBuilder):
 
     def operation(self, s: Let, here: Here) -> None:
         args = tuple(self.same.get(a, a) for a in s.args)
-        varying = varies(s.op, (a in self.varying for a in args))
+        varying = varies(s.op, (a in self.varying for a in args)) or (s.op == "call" and s.attr in self.callees.placed)
         self.same.pop(s.value.id, None)  # an entry from an earlier attempt, in which the argument was still uniform
         if s.op in LANE_OPS:
             if args[0] not in self.varying:

@@ -182,3 +182,33 @@ def test_arrays_are_refused():
 
     with pytest.raises(sh.ShpyError, match="fill is run by each element alone and takes no arrays"):
         sh.program(reads)
+
+
+def test_the_index_in_a_grid_is_that_of_each_element():
+    """Whether the subroutine reads it, a function that it calls does, or it calls one that has a form for lines."""
+
+    @sh.subroutine
+    def column(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x + sh.Attrib1f(sh.grid_index(2).y)
+
+    @sh.subroutine(alone=True)
+    def itself(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x * sh.Attrib1f(sh.grid_index(2).y)
+
+    @sh.subroutine(alone=True)
+    def by_callee(x: sh.Attrib1f) -> sh.Attrib1f:
+        return column(x)
+
+    @sh.subroutine(alone=True)
+    def power(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
+        return sh.pow(x, y)
+
+    @sh.program
+    def all_of_them(x: sh.Attrib1f) -> sh.Attrib3f:
+        row, _ = sh.grid_index(2)
+        return sh.vec3(itself(x), by_callee(x), power(x, sh.Attrib1f(row)))
+
+    x = np.full((3, 20), 2, np.float32)
+    expected = np.stack([x * np.arange(20), x + np.arange(20), x ** np.arange(3)[:, None]], -1)
+    for lanes in (1, 4, 16):
+        assert np.array_equal(all_of_them.compile("opencl", lanes=lanes)(x), expected)

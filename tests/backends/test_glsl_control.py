@@ -112,6 +112,47 @@ def test_a_sum_that_is_its_own_summand_is_so_by_rounding_too(math: Any) -> None:
     assert absorbed.compile("glsl", math=math)(x, a).tolist() == [1, 1, 2, 1, 0]
 
 
+COMPARED: Any = [
+    lambda x, a: x - a < x,
+    lambda x, a: x + a > x,
+    lambda x, a: x + a == x,
+    lambda x, a: x * a != x,
+    lambda x, a: x / a >= x,
+    lambda x, a: -x - a <= -x,
+    lambda x, a: sh.abs(x - a) < x,
+    lambda x, a: (x - a < x) & (a != 3),
+    lambda x, a: ~(x + a >= x + 1),
+    lambda x, a: sh.all(sh.vec2(x, a) - a < x),
+]
+
+
+@pytest.mark.parametrize("place", ["after an exit", "in a loop", "nested", "converted", "a sum"])
+@pytest.mark.parametrize("k", range(len(COMPARED)))
+def test_choices_by_rounded_numbers_have_the_bits_of_numpy(k: int, place: str) -> None:
+    """Mesa rewrites `x - a < x` as `0 < a` in the condition of a choice, where early exits or loops stand around it."""
+    compared = COMPARED[k]
+
+    @sh.program
+    def chosen(x: sh.Attrib1f, a: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
+        SH_DISCARD(n == 7)
+        r = sh.Attrib1f(1)
+        if place == "in a loop":
+            with SH_FOR(3):
+                r[:] = sh.cond(compared(x, a), r + 3, r + 5)
+        elif place == "nested":
+            r[:] = sh.cond(compared(x, a), sh.cond(compared(a, x), 3.0, 4.0), 5.0)
+        elif place == "converted":
+            r[:] = sh.Attrib1f(compared(x, a)) * 2
+        elif place == "a sum":
+            r[:] = sh.max(a, 0) + sh.cond(compared(x, a), x, 5.0)
+        return sh.cond(compared(x, a), 3.0, 5.0) if place == "after an exit" else r
+
+    numbers = np.array([1e8, -1e8, 1, -1, 0, -0.0, 0.1, 3, 1e30, np.inf, -np.inf, np.nan], np.float32)
+    x, a = (v.ravel() for v in np.meshgrid(numbers, numbers))
+    n = np.arange(len(x), dtype=np.int32) % 9
+    assert np.array_equal(glsl(chosen)(x, a, n), chosen.compile("numpy")(x, a, n), equal_nan=True)
+
+
 def test_arrays_and_subroutines_by_reference() -> None:
     @sh.subroutine
     def bump(x: sh.Attrib2f, by: sh.Attrib1f) -> sh.Attrib1f:

@@ -77,20 +77,26 @@ def precise_operands(
 
     Mesa computes these in any order, `(0.9 * x) * x` as `0.9 * (x * x)`, whatever becomes of the result: neither a
     parameter that is `precise` nor the variable that takes `c ? a : b` counts there. Mesa 26 also takes `a - a` for 0
-    there, which is rounded once. Operations that are `hidden` are arguments of a function as well.
+    there, which is rounded once. Mesa 22 does so in a condition, and takes `x - y < x` for `0 < y`: one rounding counts
+    there. Operations that are `hidden` are arguments of a function as well.
 
         f(0.9 * x * x)    ->   precise float t = 0.9 * x * x;
                                f(t)
     """
     roundings: dict[int, int] = {}
+    bools = {v.id for v in defined(function) if v.type.is_bool}
+
+    def counts(value: int) -> bool:
+        return roundings.get(value, 0) >= (1 if value in bools else least)
+
     kept: set[int] = set()
     for s in walk(function.body):
         if isinstance(s, Let):
             count = sum(roundings.get(a, 0) for a in s.args if a in inlined and a not in kept)
             if s.op not in _PLAIN or s.op in hidden:
-                kept.update(a for a in s.args if roundings.get(a, 0) >= least)
+                kept.update(filter(counts, s.args))
                 count = 0
             roundings[s.value.id] = count + (s.op in _ROUNDED and s.value.type.is_float)
         elif isinstance(s, Call):
-            kept.update(a for a in uses(s, callees) if roundings.get(a, 0) >= least)
+            kept.update(filter(counts, uses(s, callees)))
     return kept

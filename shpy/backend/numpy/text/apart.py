@@ -23,6 +23,7 @@ from shpy.ir.nodes import Let, Loop, Module, Region, Variable
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import regions_of, walk
 from shpy.passes.components import GEOMETRY, take_apart
+from shpy.passes.dead import remove_unused_inputs
 from shpy.passes.lower import lower
 from shpy.passes.pipeline import optimise
 from shpy.passes.vectorize import VectorModule, vectorize
@@ -59,7 +60,8 @@ def lay_out(module: Module) -> ApartLayout:
     pays = pays or (placed and (constructs > 0 or _only_places(module)) and grid(whole()))
     if not pays and not any(with_counters(f) for f in whole().module.functions if not f.pure):
         return ApartLayout(whole(), apart=False, grid=False)
-    scalars = vectorize(optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)))
+    split = take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)
+    scalars = vectorize(remove_unused_inputs(optimise(split)))
     alone = lanes_alone(scalars.module.functions)
     if pays or any(counted(f, scalars.facts[f.name], alone) for f in scalars.module.functions if not f.pure):
         return ApartLayout(scalars, apart=True, grid=grid(scalars))

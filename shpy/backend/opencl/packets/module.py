@@ -22,7 +22,7 @@ from shpy.passes.commoning import keep_for_next
 from shpy.passes.components import ALL, LONG, SHORT, has_long, take_apart
 from shpy.passes.hide import hide_derivable
 from shpy.passes.inline import inline_calls
-from shpy.passes.lines import in_lines, mixed, placed, reads_lines
+from shpy.passes.lines import in_lines, mixed, placed, reads_lines, together
 from shpy.passes.modes import Math
 from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import optimise
@@ -41,6 +41,7 @@ class PacketModule:
 
 def pack(module: Module, lanes: int, math: Math, faults: Collection[str], near: int | None = None) -> PacketModule:
     """Return a prepared module on packets of `lanes`; or of `near`, if its entry reads neighbours in a grid."""
+    module = together(module)
     called = {s.function for f in module.functions if f.alone for s in walk(f.body) if isinstance(s, Call)}
     if called:
         # A function that lanes run one after the other calls no other function.
