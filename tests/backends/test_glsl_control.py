@@ -129,8 +129,10 @@ COMPARED: Any = [
 @pytest.mark.parametrize("place", ["after an exit", "in a loop", "nested", "converted", "a sum"])
 @pytest.mark.parametrize("k", range(len(COMPARED)))
 def test_choices_by_rounded_numbers_have_the_bits_of_numpy(k: int, place: str) -> None:
-    """Mesa rewrites `x - a < x` as `0 < a` in the condition of a choice, where early exits or loops stand around it."""
-    compared = COMPARED[k]
+    """Mesa rewrites `x - a < x` as `0 < a` in the condition of a choice, where early exits or loops stand around it.
+
+    A value that has a name in the program has one in the text, too, so these have none.
+    """
 
     @sh.program
     def chosen(x: sh.Attrib1f, a: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
@@ -138,14 +140,14 @@ def test_choices_by_rounded_numbers_have_the_bits_of_numpy(k: int, place: str) -
         r = sh.Attrib1f(1)
         if place == "in a loop":
             with SH_FOR(3):
-                r[:] = sh.cond(compared(x, a), r + 3, r + 5)
+                r[:] = sh.cond(COMPARED[k](x, a), r + 3, r + 5)
         elif place == "nested":
-            r[:] = sh.cond(compared(x, a), sh.cond(compared(a, x), 3.0, 4.0), 5.0)
+            r[:] = sh.cond(COMPARED[k](x, a), sh.cond(COMPARED[k](a, x), 3.0, 4.0), 5.0)
         elif place == "converted":
-            r[:] = sh.Attrib1f(compared(x, a)) * 2
+            r[:] = sh.Attrib1f(COMPARED[k](x, a)) * 2
         elif place == "a sum":
-            r[:] = sh.max(a, 0) + sh.cond(compared(x, a), x, 5.0)
-        return sh.cond(compared(x, a), 3.0, 5.0) if place == "after an exit" else r
+            r[:] = sh.max(a, 0) + sh.cond(COMPARED[k](x, a), x, 5.0)
+        return sh.cond(COMPARED[k](x, a), 3.0, 5.0) if place == "after an exit" else r
 
     numbers = np.array([1e8, -1e8, 1, -1, 0, -0.0, 0.1, 3, 1e30, np.inf, -np.inf, np.nan], np.float32)
     x, a = (v.ravel() for v in np.meshgrid(numbers, numbers))
