@@ -181,7 +181,7 @@ def fract(x: Values) -> Values:
 
 @operation
 def mod(x: Values, y: Values) -> Values:
-    """Return x modulo y, x - y * floor(x / y): it has the sign of the divisor; ints too."""
+    """Return x modulo y, x - y * floor(x / y) with each operation rounded: the sign of y but for that; ints too."""
     quotient = named("quotient", np.floor(x / y))
     # A negative quotient that is flushed to zero, or too small for a number, is -1 all the same.
     below = np.equal(quotient, 0) & np.not_equal(x, 0) & np.not_equal(x < 0, y < 0) & ~np.isinf(y)

@@ -14,6 +14,7 @@ import numpy as np
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
+from shpy.lang.data.hostdata import refuse_masked
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, layout_of
 from shpy.lang.values.value import CLASSES
@@ -27,8 +28,9 @@ _PRECISIONS: Final[dict[Any, Precision]] = {np.dtype(np.float64): "f64", np.dtyp
 def owner_of(native: Any, backend: str | None = None) -> str:
     """Return the backend of the library that an array or texture belongs to; ShpyTypeError for anything else.
 
-    A `backend` that is not None has to be that one.
+    A `backend` that is not None has to be that one. A masked array is an error, too.
     """
+    refuse_masked(native, "the array")
     modules = [cls.__module__.partition(".")[0] for cls in type(native).__mro__]
     backends = {"numpy": "numpy", "pyopencl": "opencl", "moderngl": "glsl", "mgl": "glsl"}
     module = next((m for m in modules if m in backends), None)

@@ -3,11 +3,13 @@
 import pytest
 from passes.before_after import module
 
+import shpy as sh
 from shpy.backend.base import Options
-from shpy.ir.nodes import Call
+from shpy.ir.nodes import Call, Let
 from shpy.ir.traverse import walk
 from shpy.ir.verifier import verify
 from shpy.passes.by_value import pass_by_value
+from shpy.passes.dead import remove_unused_inputs
 from shpy.passes.pipeline import Target, prepare
 from shpy.passes.vectorize import vectorize
 
@@ -142,3 +144,51 @@ def test_a_status_is_the_last_result_of_what_may_end_the_element():
     assert [output.name for output in callee.outputs] == ["r", "p", "status"]
     (call,) = calls(entry)
     assert call.results[-1].id in made.entry.varying
+
+
+def test_an_input_that_a_pure_function_does_not_read_goes_with_its_arguments():
+    """A result varies where an argument does, so such an input would make a number of one lane vary."""
+    functions = """
+    pure function first(%a.0: f, %b.1: f) -> ($r.0: f) {
+      %3: f = mul %a.0, %a.0
+      store $r.0 = %3
+    }
+    pure function second(%a.0: f, %b.1: f, %c.2: f) -> ($r.0: f) {
+      %4: f = add %b.1, %c.2
+      %5: f = call first(%a.0, %4)
+      store $r.0 = %5
+    }
+    """
+    before = module(
+        "%4: f = const 3.0\n%5: f = mul %a.0, %a.0\n%6: f = call second(%4, %5, %a.0)\nstore $o.0 = %6", functions
+    )
+    after = remove_unused_inputs(before)
+    verify(after)
+    assert [len(f.inputs) for f in after.functions] == [1, 1, 4]
+    assert not any(isinstance(s, Let) and s.op in ("add", "mul") for f in after.functions[1:] for s in walk(f.body))
+    assert remove_unused_inputs(after) is after
+    assert 6 in vectorize(before).facts["main"].varying
+    assert 6 not in vectorize(after).facts["main"].varying
+
+
+def test_numbers_of_one_lane_may_change_in_a_loop_that_elements_leave_one_by_one():
+    @sh.subroutine
+    def weight(ray: sh.Attrib1f, share: sh.Attrib1f) -> sh.Attrib1f:
+        return share * 0.5
+
+    @sh.subroutine
+    def plane(p: sh.Attrib3f) -> sh.Attrib1f:
+        return sh.dot(p.xy, p.xy)
+
+    @sh.program
+    def doubled(x: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f]:
+        w, v = sh.Attrib1f(weight(x, 1.0)), sh.Attrib1f(plane(sh.vec3(0.5, 0.5, x)))
+        with sh.SH_WHILE(lambda: w < x):
+            w *= 2
+            v *= 2
+        return w, v
+
+    for backend in ("numpy", "opencl", "glsl"):
+        w, v = doubled.compile(backend)([1.0, 2.0, 3.0])
+        assert w.tolist() == v.tolist() == [1, 2, 4]
+        assert doubled.compile(backend)(5.0)[0] == 8

@@ -248,6 +248,12 @@ def test_memory_of_another_dtype_is_not_shared():
     with refused("a stream of i shares a contiguous pyopencl array of int32, not int64"):
         sh.Stream.wrap(sh.Stream([1], sh.Attrib1i, "opencl").native().astype(np.int64))
     assert sh.Stream.wrap(np.zeros(4, np.float16)).precision == "f16"
+    parts = sh.Stream(np.arange(10.0), sh.Attrib1f, "opencl").native()
+    for part in (parts[2:6], parts[::2], parts.reshape(2, 5).T):
+        with refused("a stream shares a whole buffer, and this pyopencl array is a part of one, or transposed"):
+            sh.Stream.wrap(part)
+    with refused("the array is a masked array, and a kernel runs over every element"):
+        sh.Stream.wrap(np.ma.array(np.zeros(2, np.float32), mask=[False, True]))
     with refused("ndarray is memory of numpy, which opencl cannot share"):
         sh.Stream.wrap(np.zeros(4, np.float32), sh.Attrib1f, "opencl")
 

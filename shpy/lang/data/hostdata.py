@@ -39,14 +39,7 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
             cure="sh.map_blocks(kernel, x), or x.compute() where it fits",
         )
     array = as_array(data, what)
-    # numpy imports np.ma when it is first named, which takes 12 ms: plain arrays and lists need not wait for it.
-    extended = isinstance(data, np.ndarray) and type(data) is not np.ndarray
-    if extended and isinstance(data, np.ma.MaskedArray) and np.ma.is_masked(data):
-        raise ShpyTypeError(
-            f"{what} is a masked array, and a kernel runs over every element",
-            loc=here(),
-            cure=f"{what if what.isidentifier() else 'array'}.filled(0), and the mask as an input of its own",
-        )
+    refuse_masked(data, what)
     kind = array.dtype.kind
     if array.size == 0 and kind == "f" and not isinstance(data, np.ndarray):
         return np.zeros(array.shape, dtype=np.float32 if base in FLOATS else DTYPES[base])
@@ -141,6 +134,18 @@ def in_range(array: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[An
         ) from None
 
 
+def refuse_masked(data: Any, what: str) -> None:
+    """Raise ShpyTypeError naming `what` for a masked array with a masked element."""
+    # numpy imports np.ma when it is first named, which takes 12 ms: plain arrays and lists need not wait for it.
+    extended = isinstance(data, np.ndarray) and type(data) is not np.ndarray
+    if extended and isinstance(data, np.ma.MaskedArray) and np.ma.is_masked(data):
+        raise ShpyTypeError(
+            f"{what} is a masked array, and a kernel runs over every element",
+            loc=here(),
+            cure=f"{what if what.isidentifier() else 'array'}.filled(0), and the mask as an input of its own",
+        )
+
+
 def working(array: NDArray[Any], base: Base, dtype: np.dtype[Any], what: str) -> NDArray[Any]:
     """Convert floats to the dtype that a kernel has for a base; ShpyTypeError for a number that the base does not hold.
 
@@ -148,7 +153,7 @@ def working(array: NDArray[Any], base: Base, dtype: np.dtype[Any], what: str) ->
     """
     if base is Base.F and dtype == np.float16:
         in_range(array, np.dtype(np.float32), what)
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", under="ignore"):
             return array.astype(np.float16)  # directly: a conversion through 32 bits would round twice
     return in_range(array, dtype, what)
 

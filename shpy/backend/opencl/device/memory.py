@@ -209,8 +209,13 @@ class OpenCLSpace:
                 "this pyopencl array lies in another context",
                 cure="an array made with the queue of a stream's native()",
             )
+        if native.offset or not native.flags.c_contiguous:
+            raise ShpyTypeError(
+                "a stream shares a whole buffer, and this pyopencl array is a part of one, or transposed",
+                cure="a slice or a reshape of the stream; or sh.Stream(array.get(), type), which copies",
+            )
         bytes_of_bools = type.is_bool and native.dtype == dtype
-        if native.offset or not native.flags.c_contiguous or not (native.dtype == expected or bytes_of_bools):
+        if not (native.dtype == expected or bytes_of_bools):
             raise ShpyTypeError(
                 f"a stream of {type!r} shares a contiguous pyopencl array of {expected}, not {native.dtype}",
                 cure=f"array.astype(np.{expected})",
