@@ -159,6 +159,29 @@ def test_choices_by_rounded_numbers_have_the_bits_of_numpy(k: int, place: str) -
     assert np.array_equal(glsl(chosen)(x, a, n), chosen.compile("numpy")(x, a, n), equal_nan=True)
 
 
+@pytest.mark.parametrize("limit", [None, 100])
+@pytest.mark.parametrize("math", ["strict", "portable", "relaxed", "fast"])
+def test_elements_that_have_left_a_loop_keep_its_values(math: Any, limit: int | None) -> None:
+    """llvmpipe of Mesa 22 went on computing `x`, where the loop had one end, at the end of an iteration."""
+
+    @sh.program
+    def squares(x: sh.Attrib1f, v: sh.Attrib1f) -> sh.Attrib1f:
+        v = v * v
+        j, k = sh.Attrib1i(0), sh.Attrib1i(0)
+        with SH_WHILE(lambda: j < 8):
+            j += 1
+        with SH_DO():
+            k += 1
+            x[:] = v * v
+            v[:] = x + 0.0
+            SH_UNTIL(lambda: (k >= 8) | (v < 100))
+        return x
+
+    v = np.array([0.5, 1.25, 0.1, 10], np.float32)
+    found = glsl(squares, math=math, loop_limit=limit)(v, v)
+    assert np.allclose(found, squares.compile("numpy")(v, v), 1e-5)
+
+
 def test_arrays_and_subroutines_by_reference() -> None:
     @sh.subroutine
     def bump(x: sh.Attrib2f, by: sh.Attrib1f) -> sh.Attrib1f:

@@ -364,7 +364,8 @@ class GlslOperations(Operations):
         """Return a loop with an end that the compiler cannot rule out, if the device may stop it.
 
         Without one the compiler concludes that what follows the loop is reached through `ended = true` alone. A limit
-        is such an end.
+        is such an end. It stands at the start of an iteration: llvmpipe of Mesa 22 goes on computing the values of
+        elements that have left a loop, unless a second way leads out of it that passes by these values.
         """
         unit = self.unit
         if is_shelter(s):
@@ -373,5 +374,5 @@ class GlslOperations(Operations):
             return loop
         running = unit.runtime_name(RUNNING, BOOL)
         if loop.again is not None:
-            return replace(loop, again=tree.infix("&&", loop.again, running))
+            return replace(loop, body=(tree.If(tree.negation(running), (tree.Exit("break"),)), *loop.body))
         return replace(loop, test=running if loop.test is None else tree.infix("&&", loop.test, running))
