@@ -185,7 +185,7 @@ def test_arrays_are_refused():
 
 
 def test_the_index_in_a_grid_is_that_of_each_element():
-    """Whether the subroutine reads it, a function that it calls does, or it calls one that has a form for lines."""
+    """The subroutine reads it, calls a function that does, or calls a function that has a form for lines."""
 
     @sh.subroutine
     def column(x: sh.Attrib1f) -> sh.Attrib1f:

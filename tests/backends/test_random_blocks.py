@@ -5,7 +5,7 @@ import pytest
 from backends.test_packets import same
 
 import shpy as sh
-from shpy import SH_ELSE, SH_FOR, SH_IF, SH_WHILE
+from shpy import SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_WHILE
 
 SHAPES = ((4, 7), (1, 6), (5, 1), (3, 40))
 FIELD = sh.Table(np.arange(35, dtype=np.float32).reshape(5, 7) / 8 - 2, sh.Attrib1f, name="field")
@@ -38,12 +38,26 @@ def first(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
 
 
 def placed(x: sh.Attrib1f, k: sh.Attrib1i) -> sh.Attrib1f:
+    """A value that varies with the index alone where its arguments are the same for all elements."""
     row, column = sh.grid_index(2)
-    return x * sh.Attrib1f(column - k) + sh.Attrib1f(row)
+    w = sh.vec2(x, column - k)
+    with SH_IF(column > k):
+        w.x = w.x * 2
+    with SH_IF(row == 1):
+        SH_RETURN(w.x)
+    return w.x * w.y + sh.Attrib1f(row)
+
+
+def stored(x: sh.Attrib1f, k: sh.Attrib1i) -> sh.Attrib1f:
+    row, column = sh.grid_index(2)
+    numbers = sh.Array(sh.Attrib1f, 3)
+    numbers[column % 3] = x
+    return numbers[k] + numbers[row % 3]
 
 
 SUBROUTINES = [
-    [sh.subroutine(alone=alone)(function) for function in (turned, settled, first, placed)] for alone in (False, True)
+    [sh.subroutine(alone=alone)(function) for function in (turned, settled, first, placed, stored)]
+    for alone in (False, True)
 ]
 
 
@@ -53,7 +67,7 @@ class Maker:
     def __init__(self, seed, x, v):
         self.rng = np.random.default_rng(seed)
         self.loops = seed % 3 == 0  # of which elements leave in other iterations: then numpy takes no blocks
-        self.turned, self.settled, self.first, self.placed = SUBROUTINES[self.loops]
+        self.turned, self.settled, self.first, self.placed, self.stored = SUBROUTINES[self.loops]
         self.index = sh.grid_index(2)
         row, column = self.index
         self.ints = [row, column, self.index.x * 2 - 3, sh.grid_shape(2).y]
@@ -102,7 +116,8 @@ class Maker:
             lambda: self.settled(a, b) if self.loops else self.first(a, b),
             lambda: self.first(b, a),
             lambda: self.placed(a, self.some(self.ints)),
-        ][self.rng.integers(15)]()
+            lambda: (self.stored if self.loops else self.placed)(b, sh.grid_shape(2).y // 2),
+        ][self.rng.integers(16)]()
 
     def vector(self):
         a, v, w = self.some(self.floats), self.some(self.vectors), self.some(self.vectors)

@@ -22,6 +22,7 @@ from shpy.backend.numpy.text.iterations import Iterations, counted, rewritten
 from shpy.backend.numpy.text.leaving import plans
 from shpy.backend.numpy.text.naming import Naming, Updates
 from shpy.backend.numpy.text.operations import (
+    LANES,
     UPDATES,
     NumpyOperations,
     PythonUnit,
@@ -97,7 +98,7 @@ class PythonBody(Body):
         """Return the statements of the function."""
         self.splats = _splats(self.made_by.values())
         blank = self.blank()
-        if self.function.pure and blank:
+        if blank and LANES not in self.unit.handed[self.function.name]:
             self.out.append(tree.Assign(self.operations.lanes, tree.call("lane_count", INT, *self.arguments)))
         for slot in blank:
             lanes = self.operations.lanes if slot.id in self.varying_slots else None

@@ -123,9 +123,10 @@ def handed_on(module: Module) -> dict[str, list[tuple[str, str]]]:
     named = [*(("param", p.name) for p in module.params), *(("table", t.name) for t in module.tables)]
     every = [*named, ("place", ""), ("grid_index", ""), ("grid_shape", "")]
     needs = needs_of(module, needed)
-    return {
-        f.name: [key for key in every if key in needs[f.name]] + ([] if f.pure else [LANES]) for f in module.functions
-    }
+    at_places = {("place", ""), ("grid_index", "")}
+    # The arguments of other pure functions tell the number of lanes.
+    lanes = {f.name: [] if f.pure and at_places.isdisjoint(needs[f.name]) else [LANES] for f in module.functions}
+    return {f.name: [key for key in every if key in needs[f.name]] + lanes[f.name] for f in module.functions}
 
 
 class PythonUnit(Unit):
