@@ -136,7 +136,7 @@ class Kernel(Unchanging):
         if device is not None:
             count = len(target.devices())
             if not 0 <= device < count:
-                raise BackendUnavailable(f"{name} has {count} devices, no device {device}", loc=here(), cure="device=0")
+                raise BackendUnavailable(f"{name} has no device {device}, only {count}", loc=here(), cure="device=0")
         return cls(recorded, target, options)
 
     def __reduce__(self) -> Any:

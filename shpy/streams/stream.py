@@ -193,6 +193,14 @@ class Stream(StreamReductions, StreamFields):
     def __bool__(self) -> bool:
         raise ShpyTypeError("a stream is neither true nor false", loc=here(), cure="stream.any() or stream.all()")
 
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, int | float | np.ndarray | np.generic):
+            cure = "stream.numpy() == x, or a program of the comparison"
+            raise ShpyTypeError("a stream is not compared element by element", loc=here(), cure=cure)
+        return self is other
+
+    __hash__ = object.__hash__
+
     # To the host and back
 
     def numpy(self) -> Any:
@@ -435,7 +443,7 @@ def _place(backend: Any, device: Any, precision: Any) -> Place:
         raise ShpyTypeError(f"precision={precision!r} is unknown", loc=here(), cure='precision="f32", "f64" or "f16"')
     count = len(backend_named(name).devices())
     if device is not None and not (is_int(device) and 0 <= device < count):
-        raise ShpyTypeError(f"{name} has {count} devices, no device {device!r}", loc=here(), cure="device=0")
+        raise ShpyTypeError(f"{name} has no device {device!r}, only {count}", loc=here(), cure="device=0")
     return Place(name, int(device or 0), precision)
 
 

@@ -264,5 +264,5 @@ def test_a_device_that_the_other_process_lacks_is_an_error():
     rebuild, (recorded, backend, options) = kernel.__reduce__()
     from dataclasses import replace
 
-    with pytest.raises(sh.BackendUnavailable, match="numpy has 1 devices, no device 3"):
+    with pytest.raises(sh.BackendUnavailable, match="numpy has no device 3, only 1"):
         rebuild(recorded, backend, replace(options, device=3))

@@ -372,6 +372,13 @@ def test_errors_name_the_cure():
         sh.Stream([True], sh.Attrib1f)
     with refused("a stream is neither true nor false"):
         bool(stream)
+    for other in (2, 2.0, np.float32(2), np.zeros(4)):
+        with refused("a stream is not compared element by element"):
+            _ = stream == other
+        with refused("a stream is not compared element by element"):
+            _ = stream != other
+    assert stream != sh.Stream([1.0], sh.Attrib1f, stream.backend)
+    assert stream in {stream: 1}
     with refused("the fields of a stream have one shape, not o (4,), d (5,)"):
         sh.Stream({"o": points(4), "d": points(5)}, Ray)
     with refused("a Table cannot be empty"):
