@@ -194,7 +194,7 @@ class Stream(StreamReductions, StreamFields):
         raise ShpyTypeError("a stream is neither true nor false", loc=here(), cure="stream.any() or stream.all()")
 
     def __eq__(self, other: object) -> bool:
-        if isinstance(other, int | float | np.ndarray | np.generic):
+        if other is not self and isinstance(other, int | float | np.ndarray | np.generic):
             cure = "stream.numpy() == x, or a program of the comparison"
             raise ShpyTypeError("a stream is not compared element by element", loc=here(), cure=cure)
         return self is other
