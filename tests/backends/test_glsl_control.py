@@ -178,8 +178,8 @@ def test_elements_that_have_left_a_loop_keep_its_values(math: Any, limit: int | 
         return x
 
     v = np.array([0.5, 1.25, 0.1, 10], np.float32)
-    found = glsl(squares, math=math, loop_limit=limit)(v, v)
-    assert np.allclose(found, squares.compile("numpy")(v, v), 1e-5)
+    result = glsl(squares, math=math, loop_limit=limit)(v, v)
+    assert np.allclose(result, squares.compile("numpy")(v, v), 1e-5)
 
 
 def test_arrays_and_subroutines_by_reference() -> None:

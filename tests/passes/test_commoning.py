@@ -314,6 +314,34 @@ def test_trees_of_random_loops_have_the_bits_of_numpy(seed):
         same(one, other)
 
 
+def newton(a, b):
+    x, n = sh.Attrib1f(a), sh.Attrib1f(0)
+    with SH_DO():
+        x -= cubic(x) / (3 * x * x - 2)
+        n += 1
+        SH_UNTIL(lambda: (sh.abs(cubic(x)) < 1e-3) | (n >= MOST))
+    return x + b
+
+
+@sh.program
+def roots(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return newton(2 + sh.fract(a), b * 0.5)
+
+
+def test_a_tree_shares_values(monkeypatch):
+    shares = []
+
+    def noted(module):
+        result = keep_for_next(module)
+        shares.append(result != module)
+        return result
+
+    monkeypatch.setattr(packets, "keep_for_next", noted)
+    streams = [sh.Stream(np.linspace(2, 3, 500), sh.Attrib1f, backend) for backend in ("opencl", "numpy")]
+    same(*(np.append(sh.scan(roots, stream).numpy(), sh.reduce(roots, stream)) for stream in streams))
+    assert any(shares)
+
+
 def test_random_loops_share_values():
     """Otherwise the test above would say nothing."""
     counts = [len(operations) for seed in range(60) for operations in shared_operations(random_program(seed))]

@@ -104,8 +104,8 @@ def test_numbers_are_rounded_to_f16_once():
     for backend in ("numpy", "opencl", "glsl"):
         kernel = looked_up.compile(backend, precision="f16")
         with np.errstate(all="raise"):
-            found = kernel([1e-6, 1e-9, 1e6])[0]
-        assert found.tolist() == np.float16([1e-6, 0, np.inf]).tolist()
+            result = kernel([1e-6, 1e-9, 1e6])[0]
+        assert result.tolist() == np.float16([1e-6, 0, np.inf]).tolist()
         for found in (*kernel([above]), *kernel(shape=1), *kernel(np.full(3, above)), *kernel(above)):
             assert np.all(found == np.float16(above))
     assert np.float16(above) == 1 + 2.0**-10

@@ -153,22 +153,35 @@ class Body:
 
     def bind(self, value: int, e: Expr | None = None, loc: Loc | None = None) -> None:
         """Declare a temporary that holds the value; from now on it stands for that."""
+        self._name(value, e, loc)
+        self.waiting.remove(value)
+
+    def _name(self, value: int, e: Expr | None = None, loc: Loc | None = None) -> None:
         definition = self.values[value]
         name = self.scope.take(definition.name)
         self.out.append(tree.Declare(definition.type, name, e or self.exprs[value], loc=loc or definition.loc))
         self.exprs[value] = Name(definition.type, name)
-        self.waiting.remove(value)
 
     def change(self, variables: Collection[int]) -> None:
         """Declare the values that read these variables and are used after the statement that changes them."""
         for value in self.waiting.readers(variables):
             self.bind(value)
 
-    def repeat(self, s: Let | Store) -> None:
-        """Declare the operands that the statement writes more than once, unless they are names or numbers."""
+    def repeat(self, s: Let | Store, place: Place) -> dict[int, Expr]:
+        """Declare the operands that the statement writes more than once, unless they are names or numbers.
+
+        Return the expressions of those from other regions, where the name is unknown: for after the statement.
+        """
+        outside: dict[int, Expr] = {}
         for value in self.operations.repeats(s):
-            if measure(self.exprs[value])[0] > 0:
+            if measure(self.exprs[value])[0] == 0:
+                continue
+            if self.survey.region_of(value) == place[0]:
                 self.bind(value)
+            else:
+                outside[value] = self.exprs[value]
+                self._name(value)
+        return outside
 
     def slot(self, variable: Variable, default: str = "v") -> str:
         """Take a name for the variable, which is declared with it."""
@@ -243,8 +256,9 @@ class Body:
         if not self.survey.uses[value]:
             self.waiting.use(s.args)
             return
-        self.repeat(s)
+        outside = self.repeat(s, place)
         e = self.exprs[value] = self.operations.operation(s)
+        self.exprs.update(outside)
         reads = self.waiting.reads(s)
         self.waiting.use(s.args)
         depth, width = measure(e)
@@ -281,9 +295,10 @@ class Body:
             self.out.append(self.operations.output(variable, e, s.loc))
         elif s.index is not None:
             self.change([s.variable])
-            self.repeat(s)
+            outside = self.repeat(s, place)
             self.waiting.use([s.index])
             self.out += self.operations.store_element(s, s.index, e)
+            self.exprs.update(outside)
         elif s.variable in self.slots:
             self.change([s.variable])
             self.out.append(self.operations.assign(s, self.slots[s.variable], e))

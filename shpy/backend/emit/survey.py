@@ -112,9 +112,13 @@ class Survey:
 
     # Values
 
+    def region_of(self, value: int) -> int:
+        """Return the number of the region in which an operation makes a value; the outermost one's for an input."""
+        return self._made_in.get(value, 0)
+
     def loop_of(self, value: int) -> Place | None:
         """Return the innermost loop in which an operation makes a value; None outside all loops."""
-        around = self._around[self._made_in.get(value, 0)]
+        around = self._around[self.region_of(value)]
         return next((at for at in reversed(around) if isinstance(self.statement(at), Loop)), None)
 
     def may_inline(self, value: int) -> bool:

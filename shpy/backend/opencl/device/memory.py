@@ -212,7 +212,7 @@ class OpenCLSpace:
         if native.offset or not native.flags.c_contiguous:
             raise ShpyTypeError(
                 "a stream shares a whole buffer, and this pyopencl array is a part of one, or transposed",
-                cure="a slice or a reshape of the stream; or sh.Stream(array.get(), type), which copies",
+                cure="sh.Stream.wrap(whole), of the array that has the whole buffer, and a slice of that stream",
             )
         bytes_of_bools = type.is_bool and native.dtype == dtype
         if not (native.dtype == expected or bytes_of_bools):
