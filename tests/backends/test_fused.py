@@ -331,22 +331,3 @@ def test_a_program_that_is_watched_computes_the_same(target):
     looked = seen.look(frozenset(seen.site(event) for event in events))
     values = [looked.seen(event).value for event in events]
     assert residual.compile("numpy", fuse=True)(a, b)[0][7] in values
-
-
-def test_a_value_that_a_branch_writes_twice_is_written_out_again_elsewhere():
-    """Its name in the branch ends with it; this was refused by the driver where products fuse."""
-    weight = sh.Param(sh.Attrib1f, 0.5, name="weight")
-
-    @sh.program
-    def lengths(x: sh.Attrib1f, w: sh.Attrib2f) -> sh.Attrib2f:
-        s, r = sh.sqrt(weight + 1), sh.Attrib1f(0)
-        with sh.SH_IF(weight > 0):
-            r[:] = sh.dot(sh.Attrib2f(s), w)
-        with sh.SH_ELSE():
-            r[:] = sh.dot(w, sh.Attrib2f(s))
-        return sh.vec2(r, sh.length(sh.Attrib2f(s)) + x)
-
-    x, w = np.arange(9, dtype=np.float32), np.arange(18, dtype=np.float32).reshape(9, 2) / 3
-    expected = lengths.compile("numpy", fuse=True)(x, w)
-    for options in ({"lanes": 1}, {"lanes": 4}, {}):
-        assert np.array_equal(lengths.compile("opencl", fuse=True, **options)(x, w), expected)

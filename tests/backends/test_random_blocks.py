@@ -201,9 +201,7 @@ def inputs_of(seed):
     return x, rng.normal(0, 2, (*shape, 2)).astype(np.float32)
 
 
-@pytest.mark.sampled(10)
-@pytest.mark.parametrize("seed", range(300))
-def test_random_programs_have_the_bits_of_single_elements(seed):
+def check(seed):
     program, inputs = random_program(seed), inputs_of(seed)
     # Two elements may take turns where no iteration is counted.
     options = {"loop_limit": None if seed % 2 else 100} | MODES[seed % len(MODES)]
@@ -214,6 +212,17 @@ def test_random_programs_have_the_bits_of_single_elements(seed):
     ):
         for one, other in zip(kernel(*inputs), expected, strict=True):
             same(one, other)
+
+
+@pytest.mark.sampled(10)
+@pytest.mark.parametrize("seed", range(300))
+def test_random_programs_have_the_bits_of_single_elements(seed):
+    check(seed)
+
+
+def test_a_name_that_a_branch_gives_to_a_value_from_outside_ends_with_the_branch():
+    """OpenCL's text of this program read such a name after the branch."""
+    check(171)
 
 
 def test_random_programs_run_in_blocks():
